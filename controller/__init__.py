@@ -1,0 +1,1 @@
+"""Optimal control: Pontryagin's principle and its rivals, and the advice that comes of it."""

@@ -1,0 +1,1 @@
+"""The application: the chain, the evaluation, the gap diagnosis, the views and the command."""
