@@ -1,0 +1,52 @@
+"""One pass through the chain, as data: what the views show and what a run folder holds."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.advice import Advice, RoadAhead
+from observer.efficiency_map import EfficiencyMap
+from observer.estimate import Estimate
+from sensors.log import SensorLog
+from vehicle_model.car.parameters import Car
+from vehicle_model.car.route import Route
+from vehicle_model.car.trip import Trip
+
+
+class Fit(Protocol):
+    """A smooth map fitted to the found grid (seed 004, 3.4)."""
+
+    name: str
+    r2: float
+
+    def efficiency(self, engine_speed: NDArray[np.float64], torque: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Efficiency at engine speeds (rad/s) and torques (N m), which broadcast."""
+        ...
+
+
+@dataclass(frozen=True)
+class Run:
+    """Everything that one `rollingroad run` made. `results` is the object of `run --json` (CLI.md)."""
+
+    results: Mapping[str, Any]
+    car: Car
+    route: Route
+    baseline: Trip
+    """The first drive, from which `log`, `estimate` and `efficiency_map` come."""
+    advised: Trip
+    """The drive with advice that arrived nearest to the baseline's time."""
+    log: SensorLog
+    estimate: Estimate
+    efficiency_map: EfficiencyMap
+    fits: Mapping[str, Fit]
+    advice: Advice
+    true_efficiency: NDArray[np.float64] | None
+    """On the grid of `efficiency_map`, (n, m): "true efficiency" of DESIGN.md, NaN where the engine cannot be. None
+    where there is no truth (real logs)."""
+    road_ahead: RoadAhead | None
+    """What the advisor knew of the road; None in a run read back from a folder."""
+    folder: Path
