@@ -1,0 +1,42 @@
+"""The `rollingroad` command: parse, call, print. What other programs rely on: exit status, `--json`, one-line errors."""
+
+import os
+import sys
+
+
+def main() -> None:
+    """Run the command line. Exit status: 0 done, 1 ran and fell short, 2 bad input or a missing part."""
+    # Imported here, so that a spawned worker, which imports this module, does not pay for the command line.
+    import click
+    import typer
+
+    from rollingroad.cli.app import app
+    from vehicle_model.car.errors import BadInput
+
+    try:
+        status = typer.main.get_command(app).main(standalone_mode=False)
+    except (click.exceptions.Exit, SystemExit) as stop:
+        status = getattr(stop, "exit_code", getattr(stop, "code", 0))
+    except click.exceptions.Abort:
+        status = _told("interrupted")
+    except click.ClickException as error:
+        status = _told(f"{error.format_message()} (see `rollingroad --help`)")
+    except KeyboardInterrupt:
+        status = _told("interrupted", 130)
+    except BadInput as error:
+        status = _told(str(error))
+    except OSError as error:
+        place = f"{error.filename}: " if error.filename else ""
+        status = _told(f"{place}{error.strerror or error}")
+    except Exception as error:
+        if os.environ.get("ROLLINGROAD_TRACEBACK"):
+            raise
+        kind = type(error).__name__
+        status = _told(f"internal error, please report it: {kind}: {error} (ROLLINGROAD_TRACEBACK=1 shows where)")
+    sys.stdout.flush()
+    sys.exit(status if isinstance(status, int) else 0)
+
+
+def _told(line: str, status: int = 2) -> int:
+    print("rollingroad: " + " ".join(line.split()), file=sys.stderr)
+    return status
