@@ -1,6 +1,6 @@
 """The engine's efficiency over engine speed and torque, as found; and the table of fuel power that a planner needs."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ TORQUE_STEP = 2.0
 class FuelMap:
     """Fuel power over a grid of engine speed and torque T = thrust x speed / engine speed: all a planner may know.
 
-    Found from a log (`EfficiencyMap.fuel_map`), or true (`sim` hands one to the oracle).
+    Found from a log (`observer.mapping.fuel_map`), or true (`sim` hands one to the oracle).
     """
 
     engine_speed: NDArray[np.float64]
@@ -35,6 +35,20 @@ class FuelMap:
 
 
 @dataclass(frozen=True)
+class Limits:
+    """What the trips showed of the engine's limits, per column of the map; NaN where nothing was seen."""
+
+    torque_max: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+    """(n,), N m: from stretches at full throttle."""
+    overrun_torque: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+    """(n,), N m, negative: with the fuel cut off and the brakes (as far as can be told) released."""
+    idle_power: float = float("nan")
+    """W: at standstill."""
+    idle_speed: float = float("nan")
+    """rad/s: at standstill."""
+
+
+@dataclass(frozen=True)
 class EfficiencyMap:
     """Grid of mean efficiency with deviation and counts. Shapes (n, m): engine-speed cells by torque cells."""
 
@@ -45,6 +59,7 @@ class EfficiencyMap:
     mean: NDArray[np.float64]
     """Efficiency, NaN where never visited."""
     deviation: NDArray[np.float64]
+    """Spread of the samples, not of their mean."""
     count: NDArray[np.int64]
     """Samples."""
     visits: NDArray[np.int64]
@@ -56,6 +71,15 @@ class EfficiencyMap:
     """The rule of DESIGN.md: at least 0.5 s from at least two visits, deviation at most 0.05."""
     fuel_total: float
     """J burnt over the trips, mapped or not: the base of `fuel_share`."""
+    standard_error: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 0)))
+    """One standard deviation of `mean` as an estimate of the truth (observer's covariance, scatter between visits and
+    what all samples of a trip share); empty if unknown."""
+    engine_speed_mean: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 0)))
+    """Where in the cell the samples lay on average, rad/s; NaN where never visited."""
+    torque_mean: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 0)))
+    """The same, N m."""
+    limits: Limits = field(default_factory=Limits)
+    trips: int = 1
 
     @property
     def fuel_share(self) -> float:

@@ -1,0 +1,178 @@
+"""Fuel power as physics shapes it, P_in = omega (a + b T + c T^2), and a kernel on what that leaves.
+
+The quadratic Willans line: a(omega) > 0 is what the engine burns at zero torque (friction, pumping, accessories),
+1/b(omega) < 1 the marginal efficiency, c(omega) >= 0 makes the line convex (knock retard, enrichment). The
+coefficients are Bernstein polynomials over idle to red line, whose bounds hold everywhere when they hold for the
+coefficients. The kernel (a Gaussian process on the logarithm of the ratio) takes up the rest and says how sure it is.
+"""
+
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.optimize import lsq_linear
+from scipy.special import comb
+
+from observer.efficiency_map import Limits
+from observer.fit_form import Cells, Fit, r_squared
+from vehicle_model.car.parameters import Car
+
+ORDERS = (3, 3, 2)
+"""Degree in omega of a, b and c."""
+PRIOR_INNER_EFFICIENCY, PRIOR_FRICTION = 0.36, 1.6e5
+"""Where nothing was seen: marginal efficiency, and friction mean pressure in Pa (ordinary spark-ignition engines)."""
+PRIOR_WEIGHT = 0.15
+"""How hard the prior pulls: 1 would equal a cell known to a standard error of 0.005."""
+
+
+@dataclass(frozen=True)
+class WillansFit(Fit):
+    """P_in = omega (a(omega) + b(omega) T + c(omega) T^2)."""
+
+    name: str
+    low: float
+    """rad/s, where the Bernstein polynomials start."""
+    high: float
+    torque_scale: float
+    coefficients: NDArray[np.float64]
+    r2: float
+    r2_efficiency: float
+
+    def fuel_power(self, engine_speed: ArrayLike, torque: ArrayLike) -> NDArray[np.float64]:
+        omega, torque = np.broadcast_arrays(np.asarray(engine_speed, float), np.asarray(torque, float))
+        return omega * (_rows(omega, torque, self.low, self.high, self.torque_scale) @ self.coefficients)
+
+
+@dataclass(frozen=True)
+class KernelFit(Fit):
+    """A Willans fit times exp(Gaussian process); `deviation` says how sure it is of the efficiency."""
+
+    name: str
+    base: WillansFit
+    points: NDArray[np.float64]
+    """(k, 2), engine speed and torque over their length scales."""
+    lengths: NDArray[np.float64]
+    """rad/s and N m."""
+    amplitude: float
+    noise: NDArray[np.float64]
+    """(k,), variances of the data."""
+    factor: NDArray[np.float64]
+    """Lower Cholesky factor of the data's covariance, (k, k)."""
+    weights: NDArray[np.float64]
+    r2: float
+    r2_efficiency: float
+
+    def fuel_power(self, engine_speed: ArrayLike, torque: ArrayLike) -> NDArray[np.float64]:
+        omega, torque = np.broadcast_arrays(np.asarray(engine_speed, float), np.asarray(torque, float))
+        where = np.stack([omega.ravel(), torque.ravel()], axis=1) / self.lengths
+        ratio = _kernel(where, self.points, self.amplitude) @ self.weights
+        return self.base.fuel_power(omega, torque) * np.exp(ratio.reshape(omega.shape))
+
+    def deviation(self, engine_speed: ArrayLike, torque: ArrayLike) -> NDArray[np.float64]:
+        """One standard deviation of `efficiency`."""
+        omega, torque = np.broadcast_arrays(np.asarray(engine_speed, float), np.asarray(torque, float))
+        where = np.stack([omega.ravel(), torque.ravel()], axis=1) / self.lengths
+        cross = _kernel(where, self.points, self.amplitude)
+        inner = solve_triangular(self.factor, cross.T, lower=True)
+        variance = _prior_variance(where, self.amplitude) - np.sum(inner**2, axis=0)
+        return self.efficiency(omega, torque) * np.sqrt(np.maximum(variance, 0.0)).reshape(omega.shape)
+
+
+def fit_willans(cells: Cells, car: Car, limits: Limits) -> WillansFit:
+    """Weighted least squares under the bounds a > 0, b >= 1/0.55, c >= 0; works from no cell at all (the prior)."""
+    engine = car.engine
+    low, high, scale = 0.8 * engine.idle_speed, engine.redline_speed, engine.max_torque
+    prior = _prior(car)
+    data = cells.fuel_power / cells.engine_speed
+    sigma = data * np.maximum(cells.standard_error, 1e-3) / cells.efficiency
+    rows = [_rows(cells.engine_speed, cells.torque, low, high, scale) / sigma[:, None]]
+    wanted = [data / sigma]
+    if np.isfinite(limits.idle_power) and np.isfinite(limits.idle_speed):
+        idle = limits.idle_power / limits.idle_speed
+        rows.append(_rows(np.array([limits.idle_speed]), np.zeros(1), low, high, scale) / (0.1 * idle))
+        wanted.append(np.array([10.0]))
+    # the prior in the coefficients' own size, and in their second differences: smooth in omega
+    size = np.concatenate([np.full(order + 1, part) for order, part in zip(ORDERS, _sizes(prior), strict=True)])
+    rows.append(PRIOR_WEIGHT * np.diag(1.0 / size) * 10.0)
+    wanted.append(PRIOR_WEIGHT * prior / size * 10.0)
+    bend = _second_differences()
+    rows.append(PRIOR_WEIGHT * 40.0 * bend / (np.abs(bend) @ size)[:, None])
+    wanted.append(np.zeros(len(bend)))
+    least = np.concatenate([np.full(order + 1, bound) for order, bound in
+                            zip(ORDERS, (0.1 * prior[0], scale / 0.55, 0.0), strict=True)])  # fmt: skip
+    solution = lsq_linear(np.vstack(rows), np.concatenate(wanted), bounds=(least, np.inf), method="bvls")
+    fit = WillansFit("P_in willans", low, high, scale, solution.x, float("nan"), float("nan"))
+    return replace(fit, **_scores(fit, cells)) if len(cells.torque) else fit
+
+
+def fit_kernel(base: WillansFit, cells: Cells) -> KernelFit:
+    """A Gaussian process on log(P_in / base); length scales and amplitude by maximum marginal likelihood (a grid)."""
+    places = np.stack([cells.engine_speed, cells.torque], axis=1)
+    residual = np.log(cells.fuel_power / base.fuel_power(cells.engine_speed, cells.torque))
+    noise = (np.maximum(cells.standard_error, 1e-3) / cells.efficiency) ** 2
+    best: tuple[float, NDArray, float, NDArray, NDArray] | None = None
+    for rpm, share, amplitude in product((400.0, 900.0), (0.12, 0.3), (0.01, 0.03)):
+        lengths = np.array([rpm * np.pi / 30.0, share * base.torque_scale])
+        covariance = _kernel(places / lengths, places / lengths, amplitude) + np.diag(noise)
+        factor = cho_factor(covariance, lower=True)
+        weights = cho_solve(factor, residual)
+        likelihood = -0.5 * float(residual @ weights) - float(np.log(np.diag(factor[0])).sum())
+        if best is None or likelihood > best[0]:
+            best = (likelihood, lengths, amplitude, np.tril(factor[0]), weights)
+    assert best is not None
+    _, lengths, amplitude, lower, weights = best
+    fit = KernelFit("P_in willans+kernel", base, places / lengths, lengths, amplitude, noise, lower, weights, 0.0, 0.0)
+    return replace(fit, **_scores(fit, cells))
+
+
+def _scores(fit: Fit, cells: Cells) -> dict[str, float]:
+    power = fit.fuel_power(cells.engine_speed, cells.torque)
+    eta = fit.efficiency(cells.engine_speed, cells.torque)
+    return {"r2": r_squared(cells.fuel_power, power), "r2_efficiency": r_squared(cells.efficiency, eta)}
+
+
+def _rows(omega: NDArray, torque: NDArray, low: float, high: float, scale: float) -> NDArray[np.float64]:
+    """Columns of p = P_in / omega: Bernstein polynomials of omega times (1, T/scale, (T/scale)^2)."""
+    x = np.clip((omega - low) / (high - low), 0.0, 1.05)
+    relative = torque / scale
+    parts = []
+    for power, order in enumerate(ORDERS):
+        for k in range(order + 1):
+            parts.append(comb(order, k) * x**k * (1.0 - x) ** (order - k) * relative**power)
+    return np.stack(parts, axis=-1)
+
+
+def _prior(car: Car) -> NDArray[np.float64]:
+    """Coefficients of an ordinary engine of this displacement."""
+    friction = PRIOR_FRICTION * car.engine.displacement / (4.0 * np.pi) / PRIOR_INNER_EFFICIENCY
+    marginal = car.engine.max_torque / PRIOR_INNER_EFFICIENCY
+    values = (friction * np.array([0.9, 0.95, 1.1, 1.4]), np.full(4, marginal), np.full(3, 0.05 * marginal))
+    return np.concatenate(values)
+
+
+def _sizes(prior: NDArray) -> tuple[float, float, float]:
+    ends = np.cumsum([order + 1 for order in ORDERS])
+    return float(prior[0]), float(prior[ends[0]]), float(prior[ends[0]])
+
+
+def _second_differences() -> NDArray[np.float64]:
+    total, start, rows = sum(order + 1 for order in ORDERS), 0, []
+    for order in ORDERS:
+        for k in range(order - 1):
+            row = np.zeros(total)
+            row[start + k : start + k + 3] = (1.0, -2.0, 1.0)
+            rows.append(row)
+        start += order + 1
+    return np.array(rows)
+
+
+def _kernel(a: NDArray, b: NDArray, amplitude: float) -> NDArray[np.float64]:
+    """Squared exponential in scaled coordinates, (n, m)."""
+    distance = (a[:, None, 0] - b[None, :, 0]) ** 2 + (a[:, None, 1] - b[None, :, 1]) ** 2
+    return amplitude**2 * np.exp(-0.5 * distance)
+
+
+def _prior_variance(a: NDArray, amplitude: float) -> NDArray[np.float64]:
+    return np.full(len(a), amplitude**2)

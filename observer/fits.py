@@ -1,0 +1,31 @@
+"""All the smooth forms of an efficiency map: the polynomials of seed 004, 3.4, and those that do better."""
+
+from observer.efficiency_map import EfficiencyMap
+from observer.fit_form import Fit, valid_cells
+from observer.fit_polynomial import fit_polynomials
+from observer.fit_willans import fit_kernel, fit_willans
+from vehicle_model.car.parameters import Car
+
+DEFAULT_FIT = "P_in willans+kernel"
+"""What the planner gets."""
+LEAST_CELLS = 3
+"""Below it the kernel has nothing to go by, and the default is the Willans form alone (mostly its prior)."""
+
+
+def fit_all(efficiency_map: EfficiencyMap, car: Car) -> dict[str, Fit]:
+    """Return every fit that the valid cells can carry, by name; `default_fit` picks the planner's.
+
+    `P_in willans` is always there (from the prior if need be); a polynomial needs over twice as many cells as terms.
+    """
+    cells = valid_cells(efficiency_map)
+    willans = fit_willans(cells, car, efficiency_map.limits)
+    fits: dict[str, Fit] = {willans.name: willans}
+    if len(cells.torque) >= LEAST_CELLS:
+        fits[DEFAULT_FIT] = fit_kernel(willans, cells)
+        fits |= fit_polynomials(cells, car)
+    return fits
+
+
+def default_fit(fits: dict[str, Fit]) -> Fit:
+    """The fit that the planner gets: constrained fuel power with the kernel on it, if there is one."""
+    return fits.get(DEFAULT_FIT, fits["P_in willans"])
