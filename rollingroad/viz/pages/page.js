@@ -1,0 +1,36 @@
+// Replaces each still picture by a live one. Without scripts, or without DecompressionStream, the stills stay.
+(async () => {
+  if (!("DecompressionStream" in window)) return;
+  const packed = Uint8Array.from(atob(document.getElementById("plotly").textContent.trim()), (c) => c.charCodeAt(0));
+  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
+  const source = await new Response(stream).text();
+  const script = document.createElement("script");
+  script.textContent = source;
+  document.head.appendChild(script);
+  const figures = JSON.parse(document.getElementById("figures").textContent);
+  const narrow = () => window.innerWidth < 640;
+  for (const figure of document.querySelectorAll("figure[data-chart]")) {
+    const { data, layout, beside } = figures[figure.dataset.chart];
+    const live = figure.querySelector(".live");
+    figure.classList.add("drawn");
+    if (narrow()) shrink(layout, beside);
+    await Plotly.newPlot(live, data, layout, { responsive: true, displaylogo: false, displayModeBar: narrow() ? false : "hover" });
+  }
+  document.documentElement.dataset.ready = "yes";
+
+  // On a phone, panels that stood side by side stand under one another.
+  function shrink(layout, beside) {
+    layout.font.size = 11;
+    layout.margin = { ...layout.margin, l: 44, r: 4 };
+    layout.dragmode = false;
+    if (!beside) return;
+    const axes = Object.keys(layout).filter((key) => key.startsWith("xaxis"));
+    const gap = 0.2, size = (1 - gap * (axes.length - 1)) / axes.length;
+    layout.height = layout.height * axes.length;
+    axes.forEach((key, i) => {
+      const top = 1 - i * (size + gap);
+      layout[key].domain = [0, 1];
+      layout[key.replace("x", "y")].domain = [Math.max(top - size, 0), top];
+    });
+  }
+})();
