@@ -1,0 +1,283 @@
+"""Dynamic programming over distance, kinetic energy and gear: the compiled sweep, and one step of it anywhere.
+
+State: E = v^2/2 on nodes `i * step` below the limit of the place plus one node exactly on it; "gear" 0 is off the
+throttle (fuel cut, or brakes), 1 ... drive. Value V[k, g, i] = least cost to go from place k, coming in gear g.
+    V[k, g, i] = min over g' of  change(g, g') + W[k, g', i]
+    W[k, g', i] = min over E' of  ds fuel(g', E, E') + time_value dt + V[k+1, g', E']
+Targets E' are the nodes of the next place (no interpolation); rolling off the throttle lands between nodes and
+interpolates. Everything is in this one file because numba's cache does not see edits in callees elsewhere.
+"""
+
+import numpy as np
+from numba import njit
+
+BIG = 1.0e12
+"""Cost of what cannot be done, J: finite, so that interpolation stays finite."""
+IMPOSSIBLE = 1.0e11
+PANIC = 10.0
+"""Price of braking harder than planned braking allows, J per J of excess kinetic energy."""
+
+
+@njit(cache=True)
+def node_energy(i, count, top, step):
+    """E of node i at a place with `count` nodes and limit `top`, m2/s2."""
+    return top if i == count - 1 else i * step
+
+
+@njit(cache=True)
+def value_at(value, energy, count, top, step):
+    """Interpolate one gear's value (n,) at `energy`."""
+    if energy >= top:
+        return value[count - 1]
+    i = min(int(energy / step), count - 2)
+    low = i * step
+    high = node_energy(i + 1, count, top, step)
+    share = (energy - low) / (high - low)
+    return value[i] + share * (value[i + 1] - value[i])
+
+
+@njit(cache=True)
+def interval_time(energy, target, ds, slow_speed, slow_price):
+    """Return seconds over `ds` and the price, J, of being slower than courtesy asks. Constant acceleration."""
+    mean = 0.5 * (np.sqrt(2.0 * energy) + np.sqrt(2.0 * target))
+    dt = ds / mean
+    dawdled = 0.0
+    if mean < slow_speed:
+        dawdled = slow_price * (dt - ds / slow_speed)
+    return dt, dawdled
+
+
+@njit(cache=True)
+def sweep(
+    ds, grade_force, top, count, slow_speed, step, drag, mass, fuel, low, high, coast_force, coast_fuel, coast_mass,
+    time_value, shift_price, restart_price, slow_price, up, down, value,
+):  # fmt: skip
+    """Fill `value` (K+1, G+1, n) backwards. Shapes: ds, grade_force, slow_speed (K,); top, count (K+1,).
+
+    `grade_force` M g (sin theta + C_rr cos theta), N; `drag` rho C_d A, so that R = grade_force + drag E;
+    `up`, `down` the limits of comfort, m/s2, both positive.
+    """
+    gears, _, levels = fuel.shape
+    n = value.shape[2]
+    best = np.empty(gears + 1)
+    speed = np.sqrt(2.0 * step * np.arange(n))
+    for k in range(len(ds) - 1, -1, -1):
+        d = ds[k]
+        top_next = top[k + 1]
+        count_next = count[k + 1]
+        ahead = value[k + 1]
+        for i in range(count[k]):
+            energy = node_energy(i, count[k], top[k], step)
+            v = speed[i] if i < count[k] - 1 else np.sqrt(2.0 * energy)
+            best[:] = BIG
+            start = min(int(2.0 * energy / step + 0.5), len(coast_force) - 1)
+            first = max(int(np.ceil((energy - down * d) / step)), 0)
+            last = min(int((energy + up * d) / step), count_next - 1)
+            if energy + up * d >= top_next:
+                last = count_next - 1
+            first = min(first, count_next - 1)
+            for j in range(first, last + 1):
+                target = node_energy(j, count_next, top_next, step)
+                v_next = speed[j] if j < count_next - 1 else np.sqrt(2.0 * target)
+                if v + v_next <= 0.0:
+                    continue
+                mean = 0.5 * (v + v_next)
+                dt = d / mean
+                cost = time_value * dt
+                if mean < slow_speed[k]:
+                    cost += slow_price * (dt - d / slow_speed[k])
+                a = (target - energy) / d
+                row = int((energy + target) / step + 0.5)
+                force_road = grade_force[k] + drag * 0.5 * (energy + target)
+                if coast_mass[row] * a + force_road <= coast_force[row] + 1e-6:
+                    total = cost + d * coast_fuel[row] + ahead[0, j]
+                    if a < -down:
+                        total += PANIC * mass[0] * (-down - a) * d
+                    if total < best[0]:
+                        best[0] = total
+                    continue
+                if a < -down:
+                    continue
+                for g in range(gears):
+                    if high[g, start] < 0.0:
+                        continue
+                    force = mass[g] * a + force_road
+                    if force > high[g, row] or force < low[g, row]:
+                        continue
+                    x = (force - low[g, row]) / (high[g, row] - low[g, row]) * (levels - 1)
+                    q = min(int(x), levels - 2)
+                    f = fuel[g, row, q]
+                    total = cost + d * (f + (x - q) * (fuel[g, row, q + 1] - f)) + ahead[g + 1, j]
+                    if total < best[g + 1]:
+                        best[g + 1] = total
+            row = start
+            rolled = energy + d * (coast_force[row] - grade_force[k] - drag * energy) / coast_mass[row]
+            if 0.0 < rolled <= top_next and rolled >= energy - down * d and rolled <= energy + up * d:
+                dt, dawdled = interval_time(energy, rolled, d, slow_speed[k], slow_price)
+                total = time_value * dt + dawdled + d * coast_fuel[row]
+                total += value_at(ahead[0], rolled, count_next, top_next, step)
+                if total < best[0]:
+                    best[0] = total
+            settle(best, shift_price, restart_price, value[k, :, i])
+
+
+@njit(cache=True)
+def settle(best, shift_price, restart_price, value):
+    """V of each incoming gear from W of each chosen one; gear 0 (off the throttle) is entered free of charge."""
+    cheapest = np.min(best[1:])
+    for g in range(len(best)):
+        if g == 0:
+            value[0] = min(best[0], cheapest + restart_price)
+        else:
+            value[g] = min(min(best[g], cheapest + shift_price), best[0])
+
+
+@njit(cache=True)
+def table_fuel(fuel, low, high, g, place, force):
+    """Fuel per metre between rows (`place` = 2 E / step), J/m; BIG outside the engine's range."""
+    levels = fuel.shape[2]
+    r = min(int(place), fuel.shape[1] - 2)
+    share = min(place - r, 1.0)
+    if high[g, r] < 0.0 or high[g, r + 1] < 0.0:
+        if high[g, r] < 0.0 and high[g, r + 1] < 0.0:
+            return BIG
+        share = 1.0 if high[g, r] < 0.0 else 0.0
+    most = (1.0 - share) * high[g, r] if share < 1.0 else 0.0
+    most += share * high[g, r + 1] if share > 0.0 else 0.0
+    least = (1.0 - share) * low[g, r] if share < 1.0 else 0.0
+    least += share * low[g, r + 1] if share > 0.0 else 0.0
+    if force > most + 1.0 or force < least - 1.0:
+        return BIG
+    x = min(max((force - least) / (most - least), 0.0), 1.0) * (levels - 1)
+    q = min(int(x), levels - 2)
+    burnt = 0.0
+    if share < 1.0:
+        burnt += (1.0 - share) * (fuel[g, r, q] + (x - q) * (fuel[g, r, q + 1] - fuel[g, r, q]))
+    if share > 0.0:
+        burnt += share * (fuel[g, r + 1, q] + (x - q) * (fuel[g, r + 1, q + 1] - fuel[g, r + 1, q]))
+    return burnt
+
+
+@njit(cache=True)
+def best_action(
+    energy, gear, k, ds, grade_force, top, count, slow_speed, step, drag, mass, fuel, low, high, coast_force,
+    coast_fuel, coast_mass, time_value, shift_price, restart_price, slow_price, up, down, value,
+):  # fmt: skip
+    """The best step from any `energy` at place k, coming in `gear`: (cost to go, E', gear, J of fuel).
+
+    Candidates: the nodes of the next place, holding the speed, the limit, and rolling off the throttle.
+    """
+    gears = fuel.shape[0]
+    d = ds[k]
+    top_next, count_next, ahead = top[k + 1], count[k + 1], value[k + 1]
+    start = min(int(2.0 * energy / step + 0.5), len(coast_force) - 1)
+    answer_cost, answer_energy, answer_gear, answer_fuel = BIG, min(energy, top_next), 0, 0.0
+    first = max(int(np.ceil((energy - down * d) / step)), 0)
+    last = count_next - 1
+    if energy + up * d < top_next:
+        last = min(int((energy + up * d) / step), count_next - 1)
+    first = min(first, count_next - 1)
+    for candidate in range(first, last + 3):
+        rolling = candidate == last + 2
+        if rolling:
+            row = start
+            target = energy + d * (coast_force[row] - grade_force[k] - drag * energy) / coast_mass[row]
+            if target <= 0.0 or target > top_next or target < energy - down * d or target > energy + up * d:
+                continue
+        elif candidate == last + 1:
+            target = energy
+            if energy > top_next:
+                continue
+        else:
+            target = node_energy(candidate, count_next, top_next, step)
+        if energy + target <= 0.0:
+            continue
+        dt, dawdled = interval_time(energy, target, d, slow_speed[k], slow_price)
+        base = time_value * dt + dawdled
+        a = (target - energy) / d
+        place = (energy + target) / step
+        row = min(int(place + 0.5), len(coast_force) - 1)
+        force_road = grade_force[k] + drag * 0.5 * (energy + target)
+        if rolling or coast_mass[row] * a + force_road <= coast_force[row] + 1e-6:
+            burnt = d * coast_fuel[row]
+            total = base + burnt + value_at(ahead[0], target, count_next, top_next, step)
+            if a < -down:
+                total += PANIC * mass[0] * (-down - a) * d
+            if total < answer_cost:
+                answer_cost, answer_energy, answer_gear, answer_fuel = total, target, 0, burnt
+            continue
+        if a < -down:
+            continue
+        for g in range(gears):
+            if high[g, start] < 0.0:
+                continue
+            burnt = d * table_fuel(fuel, low, high, g, place, mass[g] * a + force_road)
+            if burnt >= IMPOSSIBLE:
+                continue
+            total = base + burnt + value_at(ahead[g + 1], target, count_next, top_next, step)
+            if gear == 0:
+                total += restart_price
+            elif gear != g + 1 and gear > 0:
+                total += shift_price
+            if total < answer_cost:
+                answer_cost, answer_energy, answer_gear, answer_fuel = total, target, g + 1, burnt
+    return answer_cost, answer_energy, answer_gear, answer_fuel
+
+
+@njit(cache=True)
+def follow(
+    energy, gear, ds, grade_force, top, count, slow_speed, step, drag, mass, fuel, low, high, coast_force, coast_fuel,
+    coast_mass, time_value, shift_price, restart_price, slow_price, up, down, value,
+):  # fmt: skip
+    """The plan from `energy` on: E (K+1,), gear (K,; 0 off the throttle), seconds (K,), fuel (K,), cost to go."""
+    stages = len(ds)
+    path, gears = np.empty(stages + 1), np.empty(stages, np.int64)
+    seconds, burnt = np.empty(stages), np.empty(stages)
+    path[0] = energy
+    start = BIG
+    for k in range(stages):
+        cost, target, chosen, used = best_action(
+            path[k], gear, k, ds, grade_force, top, count, slow_speed, step, drag, mass, fuel, low, high, coast_force,
+            coast_fuel, coast_mass, time_value, shift_price, restart_price, slow_price, up, down, value,
+        )  # fmt: skip
+        if k == 0:
+            start = cost
+        path[k + 1], gears[k], burnt[k] = target, chosen, used
+        seconds[k] = ds[k] / max(0.5 * (np.sqrt(2.0 * path[k]) + np.sqrt(2.0 * target)), 1e-3)
+        gear = chosen
+    return path, gears, seconds, burnt, start
+
+
+@njit(cache=True)
+def tabulate_policy(
+    places, coming, speeds, ds, grade_force, top, count, slow_speed, step, drag, mass, fuel, low, high, coast_force,
+    coast_fuel, coast_mass, time_value, shift_price, restart_price, slow_price, up, down, value,
+):  # fmt: skip
+    """Acceleration, gear and costate (p, m) at stages `places` (p,), coming in `coming` (p,), at `speeds` (m,)."""
+    acceleration = np.empty((len(places), len(speeds)))
+    gears = np.empty((len(places), len(speeds)), np.int64)
+    costate = np.empty((len(places), len(speeds)))
+    for p in range(len(places)):
+        k = places[p]
+        for m in range(len(speeds)):
+            energy = 0.5 * speeds[m] ** 2
+            _, target, chosen, _ = best_action(
+                energy, coming[p], k, ds, grade_force, top, count, slow_speed, step, drag, mass, fuel, low, high,
+                coast_force, coast_fuel, coast_mass, time_value, shift_price, restart_price, slow_price, up, down,
+                value,
+            )  # fmt: skip
+            acceleration[p, m] = (target - energy) / ds[k]
+            gears[p, m] = chosen
+            costate[p, m] = speeds[m] * slope(value[k, chosen], energy, count[k], top[k], step)
+    return acceleration, gears, costate
+
+
+@njit(cache=True)
+def slope(value, energy, count, top, step):
+    """-dV/dE, J per m2/s2, by a central difference of one node's width, never negative, finite nodes only."""
+    high = min(energy + step, top)
+    low = max(min(energy, top) - step, 0.0)
+    upper, lower = value_at(value, high, count, top, step), value_at(value, low, count, top, step)
+    if upper >= IMPOSSIBLE or lower >= IMPOSSIBLE or high <= low:
+        return 0.0
+    return max((lower - upper) / (high - low), 0.0)

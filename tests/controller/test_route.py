@@ -1,0 +1,119 @@
+"""The planned drive: it obeys the road, arrives on time, balances its energy, and nothing simple beats it."""
+
+import numpy as np
+import pytest
+
+from controller.advice import RoadAhead
+from controller.route import Comfort, plan_route, plan_route_in_time
+from vehicle_model.car.errors import BadInput
+
+KMH = 1 / 3.6
+
+
+def flat(length: float, limit: float = 90 * KMH) -> RoadAhead:
+    s = np.arange(0.0, length + 1.0, 10.0)
+    return RoadAhead(s, np.zeros_like(s), np.full_like(s, limit), np.zeros_like(s))
+
+
+def hilly(length: float) -> RoadAhead:
+    s = np.arange(0.0, length + 1.0, 10.0)
+    pitch = 0.03 * np.sin(2 * np.pi * s / 1700) + 0.015 * np.sin(2 * np.pi * s / 610)
+    limit = np.where(s < 1000, 50.0, np.where(s < 3500, 90.0, 70.0)) * KMH
+    return RoadAhead(s, pitch, limit, np.zeros_like(s))
+
+
+def test_the_plan_keeps_limits_comfort_and_ends(smart, willans):
+    road = hilly(5000)
+    plan = plan_route(road, willans, smart, start_speed=0.0, end_speed=0.0, time_value=15_000.0)
+    assert np.all(plan.speed <= np.interp(plan.s, road.s, road.speed_max) + 1e-6)
+    acceleration = np.diff(plan.speed**2) / (2 * np.diff(plan.s))
+    assert acceleration.max() <= 2.0 + 1e-9
+    assert acceleration.min() >= -1.5 - 1e-9
+    assert plan.speed[0] == 0.0
+    assert plan.speed[-1] == pytest.approx(0.0, abs=1e-9)
+    assert np.all(plan.costate >= 0.0)
+    assert np.all(np.diff(plan.time) > 0.0)
+    assert np.all(np.diff(plan.fuel) >= 0.0)
+
+
+def test_energy_is_conserved_along_the_plan(smart, willans):
+    road = hilly(5000)
+    plan = plan_route(road, willans, smart, start_speed=10.0, end_speed=10.0, time_value=15_000.0)
+    ds = np.diff(plan.s)
+    ratio = np.append(np.inf, np.asarray(smart.gear_ratios) / smart.wheel_radius)[plan.gear[:-1]]
+    ratio[np.isinf(ratio)] = 0.0
+    work = np.sum(plan.torque[:-1] * ratio * ds) - np.sum(plan.brake_force[:-1] * ds)
+    height = np.trapezoid(np.sin(road.pitch), road.s)
+    drag = np.sum(0.5 * smart.air_density * smart.drag_area * 0.5 * (plan.speed[1:] ** 2 + plan.speed[:-1] ** 2) * ds)
+    rolling = smart.mass * smart.gravity * smart.rolling_resistance * np.trapezoid(np.cos(road.pitch), road.s)
+    assert work == pytest.approx(smart.mass * smart.gravity * height + drag + rolling, rel=2e-3)
+
+
+@pytest.mark.parametrize("trip_time", [260.0, 300.0, 360.0])
+def test_it_arrives_when_asked(smart, willans, trip_time):
+    plan = plan_route_in_time(hilly(5000), willans, smart, start_speed=0.0, end_speed=0.0, trip_time=trip_time)
+    assert plan.trip_time == pytest.approx(trip_time, rel=1.5e-3)
+
+
+def test_more_time_never_costs_more_fuel(smart, willans):
+    plans = [
+        plan_route(hilly(5000), willans, smart, start_speed=0.0, end_speed=0.0, time_value=w)
+        for w in (2e3, 6e3, 12e3, 25e3, 60e3)
+    ]
+    assert np.all(np.diff([plan.trip_time for plan in plans]) < 0.0)
+    assert np.all(np.diff([plan.trip_fuel for plan in plans]) > 0.0)
+
+
+def test_cruise_speed_is_the_stationary_optimum(smart, willans):
+    """On a long flat road d/dv of (P_in + W)/v vanishes at the cruise speed: found here by brute force over gears."""
+    price = 20_000.0
+    plan = plan_route(flat(8000, 40.0), willans, smart, start_speed=20.0, end_speed=20.0, time_value=price)
+    ratios = np.asarray(smart.gear_ratios) / smart.wheel_radius
+    best = (np.inf, 0.0)
+    for v in np.linspace(10, 35, 501):
+        force = 0.5 * 1.2 * smart.drag_area * v**2 + smart.mass * smart.gravity * smart.rolling_resistance
+        for n in ratios:
+            w = n * v
+            if not 1.25 * willans.idle_speed <= w <= willans.engine_speed[-1]:
+                continue
+            power = np.interp(
+                w, willans.engine_speed, [np.interp(force / n, willans.torque, row) for row in willans.fuel_power]
+            )
+            best = min(best, ((power + price) / v, v))
+    middle = np.abs(plan.s - 4000) < 1500
+    assert plan.speed[middle].mean() == pytest.approx(best[1], rel=0.015)
+    rate = (np.diff(plan.fuel)[middle[:-1]].sum() + price * np.diff(plan.time)[middle[:-1]].sum()) / np.diff(plan.s)[
+        middle[:-1]
+    ].sum()
+    assert rate == pytest.approx(best[0], rel=3e-3)
+
+
+def test_policy_and_plan_agree_on_the_plan(smart, willans):
+    plan = plan_route(hilly(5000), willans, smart, start_speed=0.0, end_speed=0.0, time_value=15_000.0)
+    acceleration = np.diff(plan.speed**2) / (2 * np.diff(plan.s))
+    for k in range(20, len(plan.s) - 20, 17):
+        advised, gear, worth = plan.action(plan.s[k], plan.speed[k])
+        assert advised == pytest.approx(acceleration[k], abs=0.6)
+        assert abs(gear - plan.gear[k]) <= 2
+        assert worth >= 0.0
+
+
+def test_a_willans_engine_is_not_driven_in_pulses(smart, willans):
+    plan = plan_route(flat(6000), willans, smart, start_speed=20.0, end_speed=20.0, time_value=12_000.0)
+    restarts = np.count_nonzero(plan.coasting[:-1] & ~plan.coasting[1:])
+    assert restarts == 0
+
+
+def test_bad_input_names_the_nearest_feasible(smart, willans):
+    road = hilly(5000)
+    with pytest.raises(BadInput, match="nearest feasible is"):
+        plan_route_in_time(road, willans, smart, start_speed=0.0, end_speed=0.0, trip_time=60.0)
+    with pytest.raises(BadInput, match="nearest within the limit"):
+        plan_route(road, willans, smart, start_speed=0.0, end_speed=50.0, time_value=1e4)
+    with pytest.raises(BadInput, match=r"end speed.*nearest feasible"):
+        plan_route(flat(100), willans, smart, start_speed=0.0, end_speed=24.0, time_value=1e4, comfort=Comfort())
+    with pytest.raises(BadInput, match="time value"):
+        plan_route(road, willans, smart, start_speed=0.0, end_speed=None, time_value=-1.0)
+    crossing = RoadAhead(road.s, road.pitch, road.speed_max, road.speed_max + 1.0)
+    with pytest.raises(BadInput, match="speed_min"):
+        plan_route(crossing, willans, smart, start_speed=0.0, end_speed=None, time_value=1e4)
