@@ -1,0 +1,1 @@
+"""Roads that ship with the project: the design in Python, its plain XML beside it (see `draft.py`)."""
