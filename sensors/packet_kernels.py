@@ -1,0 +1,174 @@
+"""Compiled scanning and packing of the box's packets (seed 004, C.1.4). Flat arrays in, flat arrays out.
+
+`sensors.packets` is the readable side: it holds the format's tables and a slow reference of `scan`.
+"""
+
+import numpy as np
+from numba import njit
+
+PREAMBLE = 0xFF
+KINDS = 8
+# Payload bytes of each packet type; 0: text of any length from 1 to 254.
+PAYLOAD = np.array([0, 10, 0, 5, 6, 5, 10, 6], dtype=np.int64)
+
+# Places in the damage counters of `scan`.
+BAD_PREAMBLE, UNKNOWN_TYPE, BAD_LENGTH, BAD_CHECK, FALSE_PACKET, ZERO_RUN, TRUNCATED, BYTES_SKIPPED = range(8)
+COUNTERS = 8
+
+
+@njit(cache=True)
+def _header(data, at):
+    """Return 0 where a packet's head stands whole and legal at `at`, else 1 + the kind of damage."""
+    if data[at] != PREAMBLE:
+        return 1 + BAD_PREAMBLE
+    if data[at + 1] >= KINDS:
+        return 1 + UNKNOWN_TYPE
+    size = PAYLOAD[data[at + 1]]
+    if size == 0:
+        if data[at + 2] < 2:
+            return 1 + BAD_LENGTH
+    elif data[at + 2] != size + 1:
+        return 1 + BAD_LENGTH
+    return 0
+
+
+@njit(cache=True)
+def _check(data, at):
+    """Tell whether the check byte of the packet at `at` is right: (length + payload bytes) mod 256."""
+    end = at + 2 + data[at + 2]
+    total = np.int64(0)
+    for i in range(at + 2, end):
+        total += data[i]
+    return (total & 0xFF) == data[end]
+
+
+@njit(cache=True)
+def _follows(data, at, stop):
+    """Tell whether `at` looks like what stands after a packet: a legal head, unwritten zeros or the end."""
+    if at >= stop or data[at] == 0:
+        return True
+    return at + 3 <= stop and _header(data, at) == 0
+
+
+@njit(cache=True)
+def _overlapped(data, at, end, stop):
+    """Tell whether a valid packet begins inside [at + 1, end), ends beyond it and is itself followed by one.
+
+    Then what begins at `at` is damage whose check came out right by accident (1 in 256), and must not swallow
+    the head of a packet that was not damaged.
+    """
+    for other in range(at + 1, end):
+        if other + 3 > stop or _header(data, other) != 0:
+            continue
+        other_end = other + 3 + data[other + 2]
+        if end < other_end <= stop and _check(data, other) and _follows(data, other_end, stop):
+            return True
+    return False
+
+
+@njit(cache=True)
+def scan(data, final, in_step, zeros, starts, counters):
+    """Find the packets in `data` (uint8, n).
+
+    `final`: nothing follows these bytes. `in_step` and `zeros` are what the previous call returned (True, 0 at
+    first): whether the last packet ended just before `data`, and how many zero bytes stood there.
+    Fills `starts` (int64, at least n // 5 + 1) with the places of preambles and adds to `counters` (int64,
+    COUNTERS). Returns (packets, bytes used, in_step, zeros); bytes not used must be given again with what follows.
+    """
+    stop = data.size
+    at = 0
+    found = 0
+    while at < stop:
+        if data[at] == 0:
+            # Perhaps the unwritten tail of the file: damage only if something stands behind it.
+            zeros += 1
+            at += 1
+            continue
+        damage = 0
+        if stop - at < 3:
+            if not final:
+                break
+            damage = 1 + TRUNCATED
+        else:
+            damage = _header(data, at)
+        if damage == 0:
+            end = at + 3 + data[at + 2]
+            if not final and end + 261 > stop:
+                break
+            if end > stop:
+                damage = 1 + TRUNCATED
+            elif not _check(data, at):
+                damage = 1 + BAD_CHECK
+            elif not _follows(data, end, stop) and _overlapped(data, at, end, stop):
+                damage = 1 + FALSE_PACKET
+            else:
+                if zeros > 0:
+                    counters[BYTES_SKIPPED] += zeros
+                    if in_step:
+                        counters[ZERO_RUN] += 1
+                    zeros = 0
+                starts[found] = at
+                found += 1
+                in_step = True
+                at = end
+                continue
+        if zeros > 0:
+            counters[BYTES_SKIPPED] += zeros
+            if in_step:
+                counters[ZERO_RUN] += 1
+            zeros = 0
+            in_step = False
+        if in_step:
+            counters[damage - 1] += 1
+            in_step = False
+        counters[BYTES_SKIPPED] += 1
+        at += 1
+    return found, at, in_step, zeros
+
+
+@njit(cache=True)
+def gather(data, starts, chosen, size, out):
+    """Copy the payloads of `size` bytes of the packets `starts[chosen]` into the rows of `out` (uint8, m x size)."""
+    for row in range(chosen.size):
+        base = starts[chosen[row]] + 3
+        for column in range(size):
+            out[row, column] = data[base + column]
+
+
+@njit(cache=True)
+def gather_text(data, starts, chosen, out, ends):
+    """Join the texts of the packets `starts[chosen]` in `out`; `ends[i]` is where the i-th ends. Returns the length."""
+    length = 0
+    for row in range(chosen.size):
+        at = starts[chosen[row]]
+        size = np.int64(data[at + 2]) - 1
+        for i in range(size):
+            out[length + i] = data[at + 3 + i]
+        length += size
+        ends[row] = length
+    return length
+
+
+@njit(cache=True)
+def pack(sequence, block, row, block_kind, block_start, lengths, payload, out):
+    """Write packets into `out` (uint8) in the order of `sequence` (int64, n); return the bytes written.
+
+    Packet i: type `block_kind[block[i]]`, payload `payload[row[i] : row[i] + lengths[i]]` behind
+    `block_start[block[i]]`.
+    """
+    at = 0
+    for place in range(sequence.size):
+        i = sequence[place]
+        size = lengths[i]
+        source = block_start[block[i]] + row[i]
+        total = size + 1
+        out[at] = PREAMBLE
+        out[at + 1] = block_kind[block[i]]
+        out[at + 2] = size + 1
+        for j in range(size):
+            byte = payload[source + j]
+            out[at + 3 + j] = byte
+            total += byte
+        out[at + 3 + size] = total & 0xFF
+        at += size + 4
+    return at

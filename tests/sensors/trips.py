@@ -1,0 +1,41 @@
+"""Synthetic truths for the sensors' tests: a car on a known road, without any plant."""
+
+import numpy as np
+
+from vehicle_model.car.parameters import Car, Engine, Injector, Mounting
+from vehicle_model.car.trip import Trip
+
+
+def smart(mounting: Mounting | None = None, pattern: str = "sequential") -> Car:
+    """The car of seed 004, C.1.2, in SI units."""
+    rpm = 2.0 * np.pi / 60.0
+    engine = Engine(698e-6, 3, 9.0, 60e3, 5250 * rpm, 110.0, 4500 * rpm, 850 * rpm, 6000 * rpm, 0.061, True)
+    return Car(
+        "smart", 844.0, 0.39, 1.93, 0.0125, 0.2955, 0.62, (13.25, 9.604, 7.37, 5.796, 4.208, 3.23), 0.270183975491887,
+        engine, Injector(0.008e-3, -0.0004, pattern), mounting=mounting or Mounting(),
+    )  # fmt: skip
+
+
+def drive(duration: float = 300.0, speed: float = 15.0, step: float = 0.01, sky=None, bend: float = 0.0) -> Trip:
+    """A wavy drive about `speed` m/s over gentle hills; engine in a fixed gear, stops at the start and the end."""
+    t = np.arange(int(duration / step) + 1) * step
+    ramp = np.clip(t / 20.0, 0.0, 1.0) * np.clip((duration - t - 5.0) / 20.0, 0.0, 1.0)
+    v = np.maximum(speed * ramp * (1.0 + 0.25 * np.sin(2.0 * np.pi * t / 60.0)), 0.0)
+    a = np.gradient(v, t)
+    s = np.concatenate(([0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * step)))
+    pitch = 0.03 * np.sin(2.0 * np.pi * s / 900.0)
+    heading = 0.5 + bend * s
+    gradient = 0.03 * 2.0 * np.pi / 900.0 * np.cos(2.0 * np.pi * s / 900.0)
+    ds = np.diff(s, prepend=0.0)
+    turning = np.maximum(v / 0.2955 * 5.796, 90.0)
+    angle = np.concatenate(([0.0], np.cumsum(0.5 * (turning[1:] + turning[:-1]) * step)))
+    power = np.where(a < -0.15, 0.0, 8e3 + 9e3 * np.maximum(a, 0.0) + 15.0 * v**2)
+    channels = dict(
+        time=t, distance=s, speed=v, acceleration=a, north=np.cumsum(ds * np.cos(heading)),
+        east=np.cumsum(ds * np.sin(heading)), altitude=300.0 + np.cumsum(ds * np.sin(pitch)), heading=heading,
+        pitch=pitch, straightness=np.full_like(t, bend), vertical_straightness=gradient, engine_speed=turning,
+        engine_angle=angle, fuel_power=power, fuel_energy=np.cumsum(power) * step, wheel_angle=s / 0.2955,
+        battery_voltage=np.full_like(t, 14.0), coolant_temperature=np.full_like(t, 360.0),
+        sky=np.zeros_like(t) if sky is None else sky(s),
+    )  # fmt: skip
+    return Trip(channels, step, (49.61, 6.13, 300.0))
