@@ -76,6 +76,26 @@ class Tolerances:
 
 
 @dataclass(frozen=True)
+class Driveline:
+    """What C.1.2 does not say of the driveline and the rest; own element of the car file, with defaults."""
+
+    loss: float = 0.04
+    """Share of the torque that each gear loses; the direct one less."""
+    drag_torque: float = 6.0
+    """N m at the axle, lost at any load."""
+    shift_time: float = 0.35
+    """s without torque."""
+    launch_speed: float = 0.0
+    """rad/s of the engine when it launches at full demand; 0: from the engine's own data."""
+    continuously_variable: bool = False
+    """The first and last gear are the ends of a variator's range."""
+    boost_time: float = -1.0
+    """s, lag of the torque that the charger gives; negative: 0.5 with a turbocharger, 0.05 without."""
+    electrical_power: float = 200.0
+    """W, mean electrical load."""
+
+
+@dataclass(frozen=True)
 class Car:
     """A car as its file declares it. SI units."""
 
@@ -104,6 +124,9 @@ class Car:
     """kg/m3, table 3.1."""
     gravity: float = 9.805
     """m/s2, table 3.1."""
+    driveline: Driveline = field(default_factory=Driveline)
+    labels: dict[str, str] = field(default_factory=dict)
+    """Texts of the file that describe and do not compute: owner, make, model, year, colour, tyre ..."""
     logs: tuple[str, ...] = ()
     """Names of the log files that the car file lists (C.1.2 `file`)."""
 
