@@ -1,0 +1,161 @@
+"""From a log to the events that the compiled observer reads: one row per packet, admitted, ordered, with a 10 Hz grid.
+
+Time stamps are the one thing a filter cannot gate by chi-square, so they are judged first. A packet enters unless its
+stamp is not finite, lies further back than packets may overtake each other, or jumps ahead alone. A jump that
+several packets in a row confirm is a hole, or, where it is absurdly long or goes back, a clock that was set anew.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from observer.kernel import (
+    ACCELEROMETER,
+    COLUMNS,
+    COMPASS_EVENT,
+    FUEL,
+    GPS,
+    GRID,
+    GYROSCOPE,
+    INJECTOR,
+    SKEW,
+    SPEED_EVENT,
+    WHEEL,
+)
+from sensors.log import SensorLog
+
+HORIZON = 0.05
+"""s: how far a packet may be overtaken (an injector pulse is written at its end and stamped at its start)."""
+JUMP = 5.0
+"""s: a longer step ahead must be confirmed."""
+CONFIRMED = 5
+"""Packets in a row that confirm a step."""
+RESTART = 3600.0
+"""s: a confirmed step that is longer is taken for a clock that was set anew."""
+GRID_STEP = 0.1
+"""s: the estimate's grid."""
+
+ADMITTED, NOT_FINITE, BACKWARD, JUMPED = range(4)
+VERDICTS = ("admitted", "not_finite", "backward", "jumped")
+DOOR = 4
+"""Size of the door's memory: newest time, candidate, how often confirmed, shift of the clock."""
+
+_SOURCES: dict[str, tuple[int, float, tuple[str, ...]]] = {
+    "accelerometer": (ACCELEROMETER, 0.5e-3, ("x", "y", "z")),
+    "wheel": (WHEEL, 62.5e-6, ()),
+    "injector": (INJECTOR, 0.5e-3, ("width", "saturated")),
+    "gps": (GPS, 0.0, ("utc", "latitude", "longitude", "altitude", "hdop", "quality", "speed", "course")),
+    "skew": (SKEW, 0.0, ("gained",)),
+    "gyroscope": (GYROSCOPE, 0.0, ("x", "y", "z")),
+    "compass": (COMPASS_EVENT, 0.0, ("heading",)),
+    "speed": (SPEED_EVENT, 0.0, ("speed",)),
+    "fuel": (FUEL, 0.0, ("power",)),
+}
+"""Stream: code, half the quantum of its stamps (s; stamps are cut, not rounded), columns in the order of the kernel."""
+
+
+def door() -> NDArray[np.float64]:
+    """Return the door's memory before the first packet."""
+    return np.array([math.nan, math.nan, 0.0, 0.0])
+
+
+@njit(cache=True)
+def admit(t, memory):
+    """Judge the stamp `t` (s). Return the verdict and the time to use; `memory` (DOOR,) is changed.
+
+    memory: newest admitted time, candidate for a new time base, how many packets confirmed it, shift of the clock.
+    """
+    if not math.isfinite(t) or abs(t) > 1e12:
+        return NOT_FINITE, t
+    t = t + memory[3]
+    newest = memory[0]
+    if math.isnan(newest) or (t >= newest - HORIZON and t <= newest + JUMP):
+        if math.isnan(newest):
+            # the first packet may itself be the odd one out: it is a candidate like any other
+            if memory[2] > 0.0 and abs(t - memory[1]) <= 1.0:
+                memory[2] += 1.0
+            else:
+                memory[2] = 1.0
+            memory[1] = t
+            if memory[2] < CONFIRMED:
+                return JUMPED, t
+            memory[0] = t
+            memory[2] = 0.0
+            return ADMITTED, t
+        if t > newest:
+            memory[0] = t
+        memory[2] = 0.0
+        return ADMITTED, t
+    if memory[2] > 0.0 and abs(t - memory[1]) <= 1.0:
+        memory[2] += 1.0
+    else:
+        memory[2] = 1.0
+    memory[1] = t
+    if memory[2] >= CONFIRMED:
+        memory[2] = 0.0
+        if t < newest or t > newest + RESTART:
+            shift = newest + 1.0 - t
+            memory[3] += shift
+            t = t + shift
+        memory[0] = t
+        return ADMITTED, t
+    return (BACKWARD if t < newest else JUMPED), t
+
+
+@njit(cache=True)
+def _admit_all(times, memory, verdicts):
+    """Run `admit` over the packets in their order; `times` is replaced by the times to use."""
+    for i in range(times.shape[0]):
+        verdict, t = admit(times[i], memory)
+        verdicts[i] = verdict
+        times[i] = t
+
+
+def packet_rows(stream: str, packets: NDArray) -> NDArray[np.float64]:
+    """Return `packets` of `stream` (sensors.log.STREAMS) as event rows (n, COLUMNS), in the kernel's order of columns."""
+    code, half, columns = _SOURCES[stream]
+    rows = np.zeros((len(packets), COLUMNS))
+    rows[:, 0] = packets["t"] + half
+    rows[:, 1] = code
+    for place, name in enumerate(columns):
+        rows[:, 2 + place] = packets[name]
+    return rows
+
+
+def prepare(log: SensorLog) -> tuple[NDArray[np.float64], dict[str, int]]:
+    """Return the events of `log` (n, COLUMNS), sorted by time and without grid lines, and what was turned away, counted.
+
+    Packets are judged in the order in which they stand in the log and then sorted by time (stable).
+    """
+    blocks, orders = [], []
+    for stream in _SOURCES:
+        packets = log[stream]
+        if len(packets):
+            blocks.append(packet_rows(stream, packets))
+            orders.append(packets["order"])
+    if not blocks:
+        return np.empty((0, COLUMNS)), {}
+    rows = np.concatenate(blocks)
+    rows = rows[np.argsort(np.concatenate(orders), kind="stable")]
+    times = rows[:, 0].copy()
+    verdicts = np.empty(len(rows), dtype=np.int64)
+    _admit_all(times, door(), verdicts)
+    rows[:, 0] = times
+    refused = {name: int(np.count_nonzero(verdicts == i)) for i, name in enumerate(VERDICTS) if i != ADMITTED}
+    rows = rows[verdicts == ADMITTED]
+    return rows[np.argsort(rows[:, 0], kind="stable")], {name: count for name, count in refused.items() if count}
+
+
+def with_grid(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return `rows` with a grid line every GRID_STEP from the first event on; an event at a grid line's time goes first."""
+    if not len(rows):
+        return rows
+    first = math.ceil(rows[0, 0] / GRID_STEP)
+    last = math.floor(rows[-1, 0] / GRID_STEP)
+    grid = np.zeros((max(last - first + 1, 0), COLUMNS))
+    grid[:, 0] = np.arange(first, last + 1) * GRID_STEP
+    grid[:, 1] = GRID
+    places = np.searchsorted(rows[:, 0], grid[:, 0], side="right")
+    return np.insert(rows, places, grid, axis=0)

@@ -1,0 +1,1072 @@
+"""The compiled observer: asynchronous CD-EKF over logged events, and the backward pass of its smoother.
+
+One file on purpose (numba's cache misses edits in callees of other modules), flat arrays in and out. The readable
+reference of the model is `observer.model`; tests hold the two together. The filter is the continuous-discrete EKF of
+A.3.1.3 with two departures: the covariance moves by the second-order transition at the interval's midpoint (RK4 is
+`observer.runge_kutta`, tests compare them), and simultaneous measurements enter one after another as scalars.
+
+The state is the model's 17 plus three slow errors of the satellite receiver (north, east, altitude; first-order
+Gauss-Markov): white noise alone cannot describe fixes five times a second that err together for two minutes.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+NX = 20
+"""17 states of the model, then the receiver's slow errors north, east and altitude."""
+COLUMNS = 10
+"""Columns of an event: time, code, values."""
+# codes of events
+ACCELEROMETER, WHEEL, INJECTOR, GPS, SKEW, GYROSCOPE, COMPASS_EVENT, SPEED_EVENT, FUEL, MAP, GRID = range(11)
+EVENT_CODES = 11
+
+# kinds of scalar measurements: those of observer.model
+(
+    DISTANCE,
+    ACCELERATION_X,
+    ACCELERATION_Y,
+    ACCELERATION_Z,
+    GPS_NORTH,
+    GPS_EAST,
+    GPS_ALTITUDE,
+    GPS_SPEED,
+    GPS_COURSE,
+    MAP_HEADING,
+    MAP_ALTITUDE,
+    MAP_STRAIGHTNESS,
+    PITCH,
+    INJECTED_ENERGY,
+    ENGINE_ANGLE,
+    FUEL_POWER,
+    SPEED,
+    YAW_RATE,
+    PITCH_RATE,
+    COMPASS,
+    ACCELERATION_X_THESIS,
+    PULSE_POWER,
+    SILENT_WHEELS,
+    CUT_OFF,
+) = range(24)
+KIND_CODES = 24
+
+# why a measurement was not simply fused
+FUSED, GATED, NOT_FINITE, REOPENED, STUCK, ANCHORED, POOR = range(7)
+
+# places in the memory between events
+(
+    M_TIME,
+    M_TICK_TIME,
+    M_TICK_ZERO,
+    M_TICK_COUNT,
+    M_TICK_ANCHORED,
+    M_TICK_BAD,
+    M_SILENT,
+    M_SILENT_ROW,
+    M_PULSE_TIME,
+    M_PULSE_ENERGY,
+    M_PULSE_SATURATED,
+    M_ANGLE_ZERO,
+    M_ANGLE_COUNT,
+    M_ANGLE_ANCHORED,
+    M_ENERGY_ZERO,
+    M_ENERGY_SUM,
+    M_ENERGY_ANCHORED,
+    M_CUT,
+    M_RESERVOIR,
+    M_PULSE_POWER,
+    M_CLOCK,
+    M_GAINED,
+    M_CLOCK_SET,
+    M_LATITUDE,
+    M_LONGITUDE,
+    M_ALTITUDE,
+    M_NORTH_SCALE,
+    M_EAST_SCALE,
+    M_ORIGIN_SET,
+    M_HEADING_SET,
+    M_FIX_NORTH,
+    M_FIX_EAST,
+    M_ACC_X,
+    M_ACC_Y,
+    M_ACC_Z,
+    M_ACC_SAME,
+    M_FIX_LATITUDE,
+    M_FIX_LONGITUDE,
+    M_FIX_SAME,
+    M_REPAIRS,
+    M_EVENTS,
+    M_FIX_TICKS,
+    M_TICKS,
+) = range(43)
+M_SINCE = 43
+"""Since when each kind is being rejected (NaN: it is not)."""
+MEMORY = M_SINCE + KIND_CODES
+
+# places in the array of the car's and the box's constants
+(
+    P_MASS,
+    P_ACCELERATED,
+    P_GRAVITY,
+    P_DRAG,
+    P_ROLLING,
+    P_TICK,
+    P_PULSE_POWER,
+    P_PULSE_LAG,
+    P_PULSE_ANGLE,
+    P_ROTATION,
+) = range(10)
+PARAMETERS = P_ROTATION + 9
+
+# places in the array of settings: the order of observer.settings.ObserverSettings
+(
+    S_ACC,
+    S_ACC_SLOPE,
+    S_ACC_Z,
+    S_ACC_Z_SLOPE,
+    S_TOOTH,
+    S_TICK_CLOCK,
+    S_TICK_SILENCE,
+    S_SILENT_SPEED,
+    S_PULSE_CLOCK,
+    S_PULSE,
+    S_PULSE_POWER,
+    S_CUT_GAP,
+    S_GPS,
+    S_GPS_Z,
+    S_DRIFT,
+    S_DRIFT_TIME,
+    S_DRIFT_Z,
+    S_DRIFT_Z_TIME,
+    S_GPS_LAG,
+    S_GPS_ARRIVAL,
+    S_GPS_SPEED,
+    S_GPS_COURSE,
+    S_SPEED,
+    S_FUEL,
+    S_GYRO,
+    S_COMPASS,
+    S_Q_DISTANCE,
+    S_Q_SPEED,
+    S_Q_THRUST,
+    S_Q_THRUST_CUT,
+    S_THRUST_GAIN,
+    S_THRUST_SETTLING,
+    S_Q_HEADING,
+    S_Q_PITCH,
+    S_Q_POSITION,
+    S_Q_DOWN,
+    S_Q_STRAIGHT,
+    S_Q_VERTICAL,
+    S_Q_ENERGY,
+    S_Q_POWER,
+    S_Q_ANGLE,
+    S_Q_OMEGA,
+    S_Q_OMEGA_CUT,
+    S_Q_BIAS,
+    S_BIAS,
+    S_PITCH,
+    S_GATE,
+    S_REOPEN,
+    S_SKEW_LIMIT,
+) = range(49)
+
+# the smoother's tape: one line per operation
+OP_PREDICT, OP_ROW, OP_RESET, OP_GRID = range(4)
+TAPE_ROW = NX + 10
+MOVING = (0, 1, 3, 4, 5, 6, 7)
+SIGN_BAND = 0.1
+WRAP = 2.0 * math.pi
+UNKNOWN_HEADING = 1.0
+"""rad2: with more variance than this, a course is taken over instead of being fused."""
+
+
+@njit(cache=True)
+def acceleration(x, p, g):
+    """dv/dt; fills g with its derivatives by v, F, theta, S_k."""
+    v = x[1]
+    ct, st = math.cos(x[4]), math.sin(x[4])
+    root = math.sqrt(v * v + SIGN_BAND * SIGN_BAND)
+    sign = v / root
+    load = p[P_DRAG] * v * v + p[P_ROLLING] * (p[P_GRAVITY] * ct + x[9] * v * v)
+    slope = SIGN_BAND * SIGN_BAND / (root * root * root)
+    w = 1.0 / p[P_ACCELERATED]
+    g[0] = -w * (slope * load + sign * 2.0 * v * (p[P_DRAG] + p[P_ROLLING] * x[9]))
+    g[1] = w
+    g[2] = w * (sign * p[P_ROLLING] * p[P_GRAVITY] * st - p[P_MASS] * p[P_GRAVITY] * ct)
+    g[3] = -w * sign * p[P_ROLLING] * v * v
+    return w * (x[2] - sign * load - p[P_MASS] * p[P_GRAVITY] * st)
+
+
+@njit(cache=True)
+def transition(x, dt, p, n, xm):
+    """Fill n (7, 6) with the transition less the identity at the midpoint, xm with the state there.
+
+    Rows: x, v, psi, theta, N, E, D; columns: v, F, theta, S_k, psi, S_j. Second order in dt.
+    """
+    g = xm[NX:]
+    half = 0.5 * dt
+    a = acceleration(x, p, g)
+    v = x[1] + half * a
+    for i in range(NX):
+        xm[i] = x[i]
+    xm[1] = v
+    xm[3] = x[3] + half * x[8] * x[1]
+    xm[4] = x[4] + half * x[9] * x[1]
+    a = acceleration(xm, p, g)
+    cp, sp, ct, st = math.cos(xm[3]), math.sin(xm[3]), math.cos(xm[4]), math.sin(xm[4])
+    sj, sk = x[8], x[9]
+    h2 = 0.5 * dt * dt
+    n[:, :] = 0.0
+    # distance: A = e_v
+    n[0, 0] = dt + h2 * g[0]
+    n[0, 1] = h2 * g[1]
+    n[0, 2] = h2 * g[2]
+    n[0, 3] = h2 * g[3]
+    # speed
+    n[1, 0] = dt * g[0] + h2 * (g[0] * g[0] + g[2] * sk)
+    n[1, 1] = dt * g[1] + h2 * g[0] * g[1]
+    n[1, 2] = dt * g[2] + h2 * g[0] * g[2]
+    n[1, 3] = dt * g[3] + h2 * (g[0] * g[3] + g[2] * v)
+    # heading and pitch
+    n[2, 0] = dt * sj + h2 * sj * g[0]
+    n[2, 1] = h2 * sj * g[1]
+    n[2, 2] = h2 * sj * g[2]
+    n[2, 3] = h2 * sj * g[3]
+    n[2, 5] = dt * v
+    n[3, 0] = dt * sk + h2 * sk * g[0]
+    n[3, 1] = h2 * sk * g[1]
+    n[3, 2] = h2 * sk * g[2]
+    n[3, 3] = dt * v + h2 * sk * g[3]
+    # north, east, down
+    for r in range(3):
+        if r == 0:
+            bv, bp, bt = cp * ct, -v * sp * ct, -v * cp * st
+        elif r == 1:
+            bv, bp, bt = sp * ct, v * cp * ct, -v * sp * st
+        else:
+            bv, bp, bt = -st, 0.0, -v * ct
+        n[4 + r, 0] = dt * bv + h2 * (bv * g[0] + bp * sj + bt * sk)
+        n[4 + r, 1] = h2 * bv * g[1]
+        n[4 + r, 2] = dt * bt + h2 * bv * g[2]
+        n[4 + r, 3] = h2 * (bv * g[3] + bt * v)
+        n[4 + r, 4] = dt * bp
+        n[4 + r, 5] = h2 * bp * v
+    # the state at the interval's end, in xm
+    xm[0] = x[0] + dt * v
+    vm = v
+    xm[1] = x[1] + dt * a
+    xm[3] = x[3] + dt * sj * vm
+    xm[4] = x[4] + dt * sk * vm
+    xm[5] = x[5] + dt * vm * cp * ct
+    xm[6] = x[6] + dt * vm * sp * ct
+    xm[7] = x[7] - dt * vm * st
+    xm[10] = x[10] + dt * x[11]
+    xm[12] = x[12] + dt * x[13]
+
+
+@njit(cache=True)
+def predict(x, P, dt, p, s, q, n, xm, w):
+    """Move x (NX) and P (NX, NX) by dt; q (NX) is the noise to add, already integrated over dt."""
+    transition(x, dt, p, n, xm)
+    for r in range(7):
+        i = r if r < 2 else r + 1
+        n0, n1, n2, n3 = n[r, 0], n[r, 1], n[r, 2], n[r, 3]
+        if r == 2 or r == 4 or r == 5:
+            n4, n5 = n[r, 4], n[r, 5]
+            for j in range(NX):
+                w[r, j] = P[i, j] + n0 * P[1, j] + n1 * P[2, j] + n2 * P[4, j] + n3 * P[9, j] + n4 * P[3, j] + n5 * P[8, j]
+        else:
+            for j in range(NX):
+                w[r, j] = P[i, j] + n0 * P[1, j] + n1 * P[2, j] + n2 * P[4, j] + n3 * P[9, j]
+    for j in range(NX):
+        w[7, j] = P[10, j] + dt * P[11, j]
+        w[8, j] = P[12, j] + dt * P[13, j]
+    # rows that do not move, against those that do
+    for r in range(9):
+        i = r if r < 2 else (r + 1 if r < 7 else (10 if r == 7 else 12))
+        for j in range(NX):
+            P[i, j] = w[r, j]
+    for r in range(9):
+        i = r if r < 2 else (r + 1 if r < 7 else (10 if r == 7 else 12))
+        for k in range(7):
+            j = k if k < 2 else k + 1
+            P[i, j] = (
+                w[r, j]
+                + n[k, 0] * w[r, 1]
+                + n[k, 1] * w[r, 2]
+                + n[k, 2] * w[r, 4]
+                + n[k, 3] * w[r, 9]
+                + n[k, 4] * w[r, 3]
+                + n[k, 5] * w[r, 8]
+            )
+        P[i, 10] = w[r, 10] + dt * w[r, 11]
+        P[i, 12] = w[r, 12] + dt * w[r, 13]
+    for i in (2, 8, 9, 11, 13, 14, 15, 16, 17, 18, 19):
+        for r in range(9):
+            k = r if r < 2 else (r + 1 if r < 7 else (10 if r == 7 else 12))
+            P[i, k] = P[k, i]
+    decay = math.exp(-dt / s[S_DRIFT_TIME])
+    decay_z = math.exp(-dt / s[S_DRIFT_Z_TIME])
+    for j in range(NX):
+        P[17, j] *= decay
+        P[18, j] *= decay
+        P[19, j] *= decay_z
+    for j in range(NX):
+        P[j, 17] *= decay
+        P[j, 18] *= decay
+        P[j, 19] *= decay_z
+    # exact symmetry: both triangles were computed, keep the mean
+    for i in range(NX):
+        for j in range(i):
+            mean = 0.5 * (P[i, j] + P[j, i])
+            P[i, j] = mean
+            P[j, i] = mean
+        P[i, i] += q[i]
+    for i in range(17):
+        x[i] = xm[i]
+    x[17] *= decay
+    x[18] *= decay
+    x[19] *= decay_z
+
+
+@njit(cache=True)
+def sparse_row(kind, x, p, aux, hi, hv, g):
+    """Fill hi, hv with the places and values of the measurement's Jacobian; return its value and how many there are."""
+    v = x[1]
+    if kind == ACCELERATION_X or kind == ACCELERATION_X_THESIS:
+        a = acceleration(x, p, g)
+        share = p[P_GRAVITY]
+        if kind == ACCELERATION_X_THESIS:
+            share *= p[P_MASS] / p[P_ACCELERATED]
+        hi[0], hi[1], hi[2], hi[3], hi[4] = 1, 2, 4, 9, 14
+        hv[0], hv[1], hv[2], hv[3], hv[4] = g[0], g[1], g[2] + share * math.cos(x[4]), g[3], 1.0
+        return a + share * math.sin(x[4]) + x[14], 5
+    if kind == ACCELERATION_Y:
+        hi[0], hi[1], hi[2] = 1, 8, 15
+        hv[0], hv[1], hv[2] = -2.0 * x[8] * v, -v * v, 1.0
+        return -x[8] * v * v + x[15], 3
+    if kind == ACCELERATION_Z:
+        hi[0], hi[1], hi[2], hi[3] = 1, 4, 9, 16
+        hv[0], hv[1], hv[2], hv[3] = 2.0 * x[9] * v, -p[P_GRAVITY] * math.sin(x[4]), v * v, 1.0
+        return p[P_GRAVITY] * math.cos(x[4]) + x[9] * v * v + x[16], 4
+    if kind == GPS_NORTH or kind == GPS_EAST or kind == GPS_ALTITUDE:
+        a = acceleration(x, p, g)
+        way = aux * (v - 0.5 * aux * a)
+        sv, sf, st, sk = aux - 0.5 * aux * aux * g[0], -0.5 * aux * aux * g[1], -0.5 * aux * aux * g[2], -0.5 * aux * aux * g[3]
+        cos_t, sin_t = math.cos(x[4]), math.sin(x[4])
+        hi[0], hi[1], hi[2], hi[3] = 1, 2, 4, 9
+        if kind == GPS_ALTITUDE:
+            hv[0], hv[1], hv[2], hv[3] = -sv * sin_t, -sf * sin_t, -st * sin_t - way * cos_t, -sk * sin_t
+            hi[4], hi[5] = 7, 19
+            hv[4], hv[5] = -1.0, 1.0
+            return -x[7] - way * sin_t + x[19], 6
+        heading = x[3] - 0.5 * aux * x[8] * v
+        along, across = math.cos(heading), math.sin(heading)
+        place = 5
+        if kind == GPS_EAST:
+            along, across = across, -along
+            place = 6
+        turn = way * across * cos_t
+        hv[0] = -sv * along * cos_t - 0.5 * aux * x[8] * turn
+        hv[1] = -sf * along * cos_t
+        hv[2] = -st * along * cos_t + way * along * sin_t
+        hv[3] = -sk * along * cos_t
+        hi[4], hi[5], hi[6], hi[7] = 3, 8, place, place + 12
+        hv[4], hv[5], hv[6], hv[7] = turn, -0.5 * aux * v * turn, 1.0, 1.0
+        return x[place] - way * along * cos_t + x[place + 12], 8
+    if kind == GPS_SPEED:
+        a = acceleration(x, p, g)
+        hi[0], hi[1], hi[2], hi[3] = 1, 2, 4, 9
+        hv[0], hv[1], hv[2], hv[3] = 1.0 - aux * g[0], -aux * g[1], -aux * g[2], -aux * g[3]
+        return v - aux * a, 4
+    if kind == GPS_COURSE:
+        hi[0], hi[1], hi[2] = 3, 8, 1
+        hv[0], hv[1], hv[2] = 1.0, -aux * v, -aux * x[8]
+        return x[3] - aux * x[8] * v, 3
+    if kind == PULSE_POWER:
+        hi[0], hi[1] = 11, 13
+        hv[0], hv[1] = 1.0, -aux
+        return x[11] - aux * x[13], 2
+    if kind == YAW_RATE:
+        hi[0], hi[1] = 8, 1
+        hv[0], hv[1] = -v, -x[8]
+        return -x[8] * v, 2
+    if kind == PITCH_RATE:
+        hi[0], hi[1] = 9, 1
+        hv[0], hv[1] = -v, -x[9]
+        return -x[9] * v, 2
+    hv[0] = 1.0
+    if kind == DISTANCE:
+        hi[0] = 0
+    elif kind == MAP_HEADING or kind == COMPASS:
+        hi[0] = 3
+    elif kind == MAP_ALTITUDE:
+        hi[0] = 7
+        hv[0] = -1.0
+    elif kind == MAP_STRAIGHTNESS:
+        hi[0] = 8
+    elif kind == PITCH:
+        hi[0] = 4
+    elif kind == INJECTED_ENERGY:
+        hi[0] = 10
+    elif kind == ENGINE_ANGLE:
+        hi[0] = 12
+    elif kind == FUEL_POWER or kind == CUT_OFF:
+        hi[0] = 11
+    else:
+        hi[0] = 1
+    return hv[0] * x[hi[0]], 1
+
+
+@njit(cache=True)
+def fuse(kind, z, r, aux, x, P, mem, p, s, rec, out, tape, tape_index, work):
+    """One scalar measurement: gate, update, record. Returns the reason code (FUSED or REOPENED: it entered).
+
+    out: [records written, grid lines written, tape lines written, recording on, taping on].
+    """
+    hv, hi, ph, g = work[0:8], work[8:16], work[16 : 16 + NX], work[40:44]
+    index = tape_index[tape_index.shape[0] - 1]
+    value, size = sparse_row(kind, x, p, aux, index, hv, g)
+    nu = z - value
+    if kind == GPS_COURSE or kind == MAP_HEADING or kind == COMPASS:
+        nu -= WRAP * math.floor(nu / WRAP + 0.5)
+    reason = FUSED
+    S = r
+    nis = 0.0
+    if not (math.isfinite(nu) and math.isfinite(r) and r > 0.0):
+        reason = NOT_FINITE
+    else:
+        for i in range(NX):
+            ph[i] = 0.0
+        for k in range(size):
+            c = hv[k]
+            j = index[k]
+            for i in range(NX):
+                ph[i] += c * P[j, i]
+        for k in range(size):
+            S += hv[k] * ph[index[k]]
+        nis = nu * nu / S
+        if nis > s[S_GATE]:
+            since = mem[M_SINCE + kind]
+            if math.isnan(since):
+                mem[M_SINCE + kind] = mem[M_TIME]
+                reason = GATED
+            elif mem[M_TIME] - since < s[S_REOPEN]:
+                reason = GATED
+            else:
+                reason = REOPENED
+                S = nu * nu / s[S_GATE]
+        else:
+            mem[M_SINCE + kind] = math.nan
+    if reason == FUSED or reason == REOPENED:
+        inverse = 1.0 / S
+        gain = nu * inverse
+        for i in range(NX):
+            x[i] += ph[i] * gain
+        for i in range(NX):
+            c = ph[i] * inverse
+            for j in range(NX):
+                P[i, j] -= c * ph[j]
+        if out[4] > 0:
+            m = out[2]
+            tape_index[m, 0] = OP_ROW
+            tape_index[m, 1] = size
+            for k in range(size):
+                tape_index[m, 2 + k] = index[k]
+                tape[m, NX + k] = hv[k]
+            for i in range(NX):
+                tape[m, i] = ph[i] * inverse
+            tape[m, NX + 8] = nu
+            tape[m, NX + 9] = inverse
+            out[2] = m + 1
+    if out[3] > 0:
+        m = out[0]
+        rec[m, 0] = mem[M_TIME]
+        rec[m, 1] = kind
+        rec[m, 2] = z
+        rec[m, 3] = nu
+        rec[m, 4] = S
+        rec[m, 5] = nis
+        rec[m, 6] = reason
+        out[0] = m + 1
+    return reason
+
+
+@njit(cache=True)
+def reset(i, value, variance, x, P, out, tape_index):
+    """Forget the state i: set it to `value` with `variance`, uncorrelated with everything else."""
+    x[i] = value
+    for j in range(NX):
+        P[i, j] = 0.0
+        P[j, i] = 0.0
+    P[i, i] = variance
+    if out[4] > 0:
+        m = out[2]
+        tape_index[m, 0] = OP_RESET
+        tape_index[m, 1] = i
+        out[2] = m + 1
+
+
+@njit(cache=True)
+def note(kind, z, reason, mem, rec, out):
+    """Record a measurement that never reached the filter."""
+    if out[3] > 0:
+        m = out[0]
+        rec[m, 0] = mem[M_TIME]
+        rec[m, 1] = kind
+        rec[m, 2] = z
+        rec[m, 3] = math.nan
+        rec[m, 4] = math.nan
+        rec[m, 5] = math.nan
+        rec[m, 6] = reason
+        out[0] = m + 1
+
+
+@njit(cache=True)
+def initial_variance(i, s):
+    """Variance of the state i before anything was measured."""
+    if i == 1:
+        return 100.0
+    if i == 2:
+        return 4e6
+    if i == 3:
+        return 10.0
+    if i == 4:
+        return s[S_PITCH] * s[S_PITCH]
+    if 5 <= i <= 7:
+        return 1e6
+    if i == 8:
+        return 1e-4
+    if i == 9:
+        return 1e-7
+    if i == 11:
+        return 1e8
+    if i == 13:
+        return 1e4
+    if 14 <= i <= 16:
+        return s[S_BIAS] * s[S_BIAS]
+    if i == 17 or i == 18:
+        return s[S_DRIFT] * s[S_DRIFT]
+    if i == 19:
+        return s[S_DRIFT_Z] * s[S_DRIFT_Z]
+    return 1e-6
+
+
+@njit(cache=True)
+def sound(P, work):
+    """Tell whether P is finite and positive definite (Cholesky on a copy of its scaled form)."""
+    for i in range(NX):
+        d = P[i, i]
+        if not (math.isfinite(d) and d > 0.0):
+            return False
+    for i in range(NX):
+        for j in range(i + 1):
+            total = P[i, j] / math.sqrt(P[i, i] * P[j, j])
+            if i == j:
+                total = 1.0 + 1e-12
+            for k in range(j):
+                total -= work[i, k] * work[j, k]
+            if i == j:
+                if not total > 0.0:
+                    return False
+                work[i, i] = math.sqrt(total)
+            else:
+                if not math.isfinite(total):
+                    return False
+                work[i, j] = total / work[j, j]
+    return True
+
+
+@njit(cache=True)
+def advance(
+    events, first, last, x, P, mem, p, s, rec, grid_x, grid_P, out, tape, tape_index, tape_P, work
+):
+    """Run the filter over events[first:last] (rows of COLUMNS, sorted by time). All state lives in x, P, mem.
+
+    rec (m, 7), grid_x (k, NX), grid_P (k, NX) receive records and the 10 Hz estimate; out counts what was written.
+    Taping (out[4]) writes one line per operation into tape and tape_index and P at grid lines into tape_P.
+    """
+    n = np.empty((7, 6))
+    xm = np.empty(NX + 4)
+    w = np.empty((9, NX))
+    q = np.empty(NX)
+    chol = np.empty((NX, NX))
+    for e in range(first, last):
+        t = events[e, 0]
+        code = int(events[e, 1])
+        mem[M_EVENTS] += 1.0
+        dt = t - mem[M_TIME]
+        if dt > 0.0:
+            speed = abs(x[1])
+            cut = mem[M_CUT] > 0.0
+            silent = mem[M_SILENT] > 0.0
+            q[0] = s[S_Q_DISTANCE] * dt
+            q[1] = s[S_Q_SPEED] * dt
+            arriving = mem[M_RESERVOIR] * (1.0 - math.exp(-dt / s[S_THRUST_SETTLING]))
+            mem[M_RESERVOIR] -= arriving
+            q[2] = s[S_Q_THRUST] * dt + arriving
+            if cut or silent:
+                q[2] += s[S_Q_THRUST_CUT] * dt
+            q[3] = s[S_Q_HEADING] * dt
+            q[4] = s[S_Q_PITCH] * dt
+            if silent:
+                q[3] = 0.0
+                q[4] = 0.0
+            q[5] = s[S_Q_POSITION] * dt
+            q[6] = q[5]
+            q[7] = s[S_Q_DOWN] * dt
+            q[8] = s[S_Q_STRAIGHT] * speed * dt
+            q[9] = s[S_Q_VERTICAL] * speed * dt
+            q[10] = s[S_Q_ENERGY] * dt
+            q[11] = 0.0 if cut else s[S_Q_POWER] * dt
+            q[12] = s[S_Q_ANGLE] * dt
+            q[13] = (s[S_Q_OMEGA_CUT] if cut else s[S_Q_OMEGA]) * dt
+            if P[13, 13] > 4e4:
+                q[13] = 0.0
+            q[14] = s[S_Q_BIAS] * dt
+            q[15] = q[14]
+            q[16] = q[14]
+            q[17] = 2.0 * s[S_DRIFT] * s[S_DRIFT] / s[S_DRIFT_TIME] * dt
+            q[18] = q[17]
+            q[19] = 2.0 * s[S_DRIFT_Z] * s[S_DRIFT_Z] / s[S_DRIFT_Z_TIME] * dt
+            if out[4] > 0:
+                m = out[2]
+                tape_index[m, 0] = OP_PREDICT
+                for i in range(NX):
+                    tape[m, i] = x[i]
+                tape[m, NX + 8] = dt
+                out[2] = m + 1
+            predict(x, P, dt, p, s, q, n, xm, w)
+            mem[M_TIME] = t
+
+        if code == ACCELEROMETER:
+            ax, ay, az = events[e, 2], events[e, 3], events[e, 4]
+            if ax == mem[M_ACC_X] and ay == mem[M_ACC_Y] and az == mem[M_ACC_Z]:
+                mem[M_ACC_SAME] += 1.0
+            else:
+                mem[M_ACC_SAME] = 0.0
+            mem[M_ACC_X], mem[M_ACC_Y], mem[M_ACC_Z] = ax, ay, az
+            r = P_ROTATION
+            bx = p[r] * ax + p[r + 1] * ay + p[r + 2] * az
+            by = p[r + 3] * ax + p[r + 4] * ay + p[r + 5] * az
+            bz = p[r + 6] * ax + p[r + 7] * ay + p[r + 8] * az
+            if mem[M_ACC_SAME] >= 20.0:
+                note(ACCELERATION_X, bx, STUCK, mem, rec, out)
+                note(ACCELERATION_Y, by, STUCK, mem, rec, out)
+                note(ACCELERATION_Z, bz, STUCK, mem, rec, out)
+                continue
+            speed = abs(x[1])
+            plane = s[S_ACC] + s[S_ACC_SLOPE] * speed
+            vertical = s[S_ACC_Z] + s[S_ACC_Z_SLOPE] * speed
+            fuse(ACCELERATION_X, bx, plane * plane, 0.0, x, P, mem, p, s, rec, out, tape, tape_index, work)
+            fuse(ACCELERATION_Y, by, plane * plane, 0.0, x, P, mem, p, s, rec, out, tape, tape_index, work)
+            fuse(ACCELERATION_Z, bz, vertical * vertical, 0.0, x, P, mem, p, s, rec, out, tape, tape_index, work)
+
+        elif code == WHEEL:
+            gap = t - mem[M_TICK_TIME]
+            mem[M_TICKS] += 1.0
+            clock = s[S_TICK_CLOCK] * x[1]
+            r_tick = s[S_TOOTH] * s[S_TOOTH] + clock * clock / 12.0
+            anchored = mem[M_TICK_ANCHORED] > 0.0 and gap <= s[S_TICK_SILENCE]
+            if anchored:
+                mem[M_TICK_COUNT] += 1.0
+                z = mem[M_TICK_ZERO] + mem[M_TICK_COUNT] * p[P_TICK]
+                mem[M_SINCE + DISTANCE] = math.nan
+                reason = fuse(DISTANCE, z, r_tick, 0.0, x, P, mem, p, s, rec, out, tape, tape_index, work)
+                if reason != FUSED:
+                    anchored = False
+                    mem[M_TICK_BAD] += 1.0
+                    if mem[M_TICK_BAD] >= 3.0 and gap > 0.0:
+                        # the pulses agree with each other and not with the filter: believe them
+                        told = p[P_TICK] / gap
+                        reset(1, told, (0.2 * told) ** 2 + 0.01, x, P, out, tape_index)
+                        P[2, 2] += 1e6
+                        mem[M_TICK_BAD] = 0.0
+                else:
+                    mem[M_TICK_BAD] = 0.0
+            else:
+                note(DISTANCE, math.nan, ANCHORED, mem, rec, out)
+                if mem[M_SILENT] > 0.0 or math.isnan(mem[M_TICK_TIME]):
+                    # pulses come again: the car is at least as fast as the pick-up can see
+                    v = s[S_SILENT_SPEED]
+                    if x[1] < v:
+                        fuse(SILENT_WHEELS, 1.1 * v, 0.3 * v * v, 0.0, x, P, mem, p, s, rec, out, tape, tape_index, work)
+            if not anchored:
+                mem[M_TICK_ZERO] = x[0]
+                mem[M_TICK_COUNT] = 0.0
+                mem[M_TICK_ANCHORED] = 1.0
+                reset(0, x[0], r_tick, x, P, out, tape_index)
+            mem[M_TICK_TIME] = t
+            mem[M_SILENT] = 0.0
+
+        elif code == INJECTOR:
+            gap = t - mem[M_PULSE_TIME]
+            opening = events[e, 2] + p[P_PULSE_LAG]
+            saturated = events[e, 3] > 0.0
+            if not (opening > 0.0 and opening < 0.1):
+                note(INJECTED_ENERGY, opening, POOR, mem, rec, out)
+                continue
+            energy = p[P_PULSE_POWER] * opening
+            omega = max(abs(x[13]), 30.0)
+            timing = s[S_PULSE_CLOCK] * s[S_PULSE_CLOCK] / 12.0
+            r_angle = omega * omega * timing + 1e-5
+            power = abs(x[11])
+            r_energy = power * power * timing + 1.0
+            resumed = not (gap <= s[S_CUT_GAP])
+            anchored = mem[M_ANGLE_ANCHORED] > 0.0 and not resumed
+            if resumed:
+                note(ENGINE_ANGLE, math.nan, ANCHORED, mem, rec, out)
+                # the engine's speed and fuel are unknown after silence
+                reset(13, x[13], 1e4, x, P, out, tape_index)
+                reset(11, energy / p[P_PULSE_ANGLE] * omega, 1e8, x, P, out, tape_index)
+                mem[M_ENERGY_ANCHORED] = 0.0
+            else:
+                if anchored:
+                    mem[M_ANGLE_COUNT] += 1.0
+                    z = mem[M_ANGLE_ZERO] + mem[M_ANGLE_COUNT] * p[P_PULSE_ANGLE]
+                    mem[M_SINCE + ENGINE_ANGLE] = math.nan
+                    reason = fuse(ENGINE_ANGLE, z, r_angle, 0.0, x, P, mem, p, s, rec, out, tape, tape_index, work)
+                    if reason != FUSED:
+                        anchored = False
+                        reset(13, p[P_PULSE_ANGLE] / max(gap, 0.01), 400.0, x, P, out, tape_index)
+                        mem[M_ENERGY_ANCHORED] = 0.0
+                if mem[M_ENERGY_ANCHORED] > 0.0 and mem[M_PULSE_SATURATED] == 0.0:
+                    # the fuel of the pulse before was burnt in the interval that ends now
+                    before = mem[M_PULSE_ENERGY]
+                    mem[M_ENERGY_SUM] += before
+                    P[10, 10] += (s[S_PULSE] * before) ** 2
+                    z = mem[M_ENERGY_ZERO] + mem[M_ENERGY_SUM]
+                    mem[M_SINCE + INJECTED_ENERGY] = math.nan
+                    reason = fuse(INJECTED_ENERGY, z, r_energy, 0.0, x, P, mem, p, s, rec, out, tape, tape_index, work)
+                    if reason != FUSED:
+                        mem[M_ENERGY_ANCHORED] = 0.0
+                else:
+                    mem[M_ENERGY_ANCHORED] = 0.0
+            if not anchored:
+                mem[M_ANGLE_ZERO] = x[12]
+                mem[M_ANGLE_COUNT] = 0.0
+                mem[M_ANGLE_ANCHORED] = 1.0
+                reset(12, x[12], r_angle, x, P, out, tape_index)
+            if mem[M_ENERGY_ANCHORED] == 0.0:
+                mem[M_ENERGY_ZERO] = x[10]
+                mem[M_ENERGY_SUM] = 0.0
+                mem[M_ENERGY_ANCHORED] = 1.0
+                reset(10, x[10], r_energy, x, P, out, tape_index)
+            # what this pulse foretells of the interval that it opens
+            told = energy / p[P_PULSE_ANGLE] * max(x[13], 30.0)
+            change = told - mem[M_PULSE_POWER]
+            if resumed:
+                change = told
+            if not saturated:
+                thrust = s[S_THRUST_GAIN] * change / max(x[1], 3.0)
+                mem[M_RESERVOIR] += thrust * thrust
+                P[11, 11] += (told - x[11]) ** 2
+                r_power = (s[S_PULSE_POWER] * told) ** 2 + 1e4
+                fuse(PULSE_POWER, 0.0, r_power, energy / p[P_PULSE_ANGLE], x, P, mem, p, s, rec, out, tape, tape_index, work)
+                mem[M_PULSE_POWER] = told
+            mem[M_PULSE_TIME] = t
+            mem[M_PULSE_ENERGY] = energy
+            mem[M_PULSE_SATURATED] = 1.0 if saturated else 0.0
+            mem[M_CUT] = 0.0
+
+        elif code == SKEW:
+            gained = events[e, 2]
+            if abs(gained) < 1.0:
+                mem[M_GAINED] += gained
+
+        elif code == GPS:
+            utc, lat, lon, alt = events[e, 2], events[e, 3], events[e, 4], events[e, 5]
+            hdop, quality, told_speed, course = events[e, 6], events[e, 7], events[e, 8], events[e, 9]
+            usable = math.isfinite(lat) and math.isfinite(lon) and math.isfinite(utc) and quality > 0.0
+            usable = usable and abs(lat) <= 90.0 and abs(lon) <= 180.0 and not (lat == 0.0 and lon == 0.0)
+            if not usable:
+                note(GPS_NORTH, lat, POOR, mem, rec, out)
+                note(GPS_EAST, lon, POOR, mem, rec, out)
+                continue
+            # the logger's time of UTC 0, from the earliest arrival seen
+            clock = t - utc - mem[M_GAINED]
+            if mem[M_CLOCK_SET] == 0.0 or clock < mem[M_CLOCK] or clock > mem[M_CLOCK] + 5.0:
+                mem[M_CLOCK] = clock
+                mem[M_CLOCK_SET] = 1.0
+            lag = clock - mem[M_CLOCK] + s[S_GPS_ARRIVAL] + s[S_GPS_LAG]
+            if mem[M_ORIGIN_SET] == 0.0:
+                phi = math.radians(lat)
+                a, f = 6378137.0, 1.0 / 298.257223563
+                e2 = f * (2.0 - f)
+                root = math.sqrt(1.0 - e2 * math.sin(phi) ** 2)
+                mem[M_LATITUDE], mem[M_LONGITUDE], mem[M_ALTITUDE] = lat, lon, alt
+                mem[M_NORTH_SCALE] = math.radians(1.0) * a * (1.0 - e2) / root**3
+                mem[M_EAST_SCALE] = math.radians(1.0) * a / root * math.cos(phi)
+                mem[M_ORIGIN_SET] = 1.0
+                reset(5, 0.0, 25.0, x, P, out, tape_index)
+                reset(6, 0.0, 25.0, x, P, out, tape_index)
+                if math.isfinite(alt):
+                    reset(7, -alt, 100.0, x, P, out, tape_index)
+            if lat == mem[M_FIX_LATITUDE] and lon == mem[M_FIX_LONGITUDE]:
+                if mem[M_TICKS] - mem[M_FIX_TICKS] >= 2.0:
+                    mem[M_FIX_SAME] += 1.0
+            else:
+                mem[M_FIX_SAME] = 0.0
+            mem[M_FIX_LATITUDE], mem[M_FIX_LONGITUDE], mem[M_FIX_TICKS] = lat, lon, mem[M_TICKS]
+            north = (lat - mem[M_LATITUDE]) * mem[M_NORTH_SCALE]
+            east = (lon - mem[M_LONGITUDE]) * mem[M_EAST_SCALE]
+            if mem[M_FIX_SAME] >= 2.0:
+                note(GPS_NORTH, north, STUCK, mem, rec, out)
+                note(GPS_EAST, east, STUCK, mem, rec, out)
+                continue
+            dilution = max(hdop, 1.0) if math.isfinite(hdop) else 2.0
+            moving = x[1] > 2.0 and P[1, 1] < 1.0
+            # a heading that nobody knows is taken over, from the course or from the way since an earlier fix
+            if moving and mem[M_HEADING_SET] == 0.0:
+                step_n, step_e = north - mem[M_FIX_NORTH], east - mem[M_FIX_EAST]
+                way = math.hypot(step_n, step_e)
+                if math.isfinite(course):
+                    reset(3, course + lag * x[8] * x[1], (s[S_GPS_COURSE] / x[1]) ** 2 + 0.01, x, P, out, tape_index)
+                    mem[M_HEADING_SET] = 1.0
+                elif math.isnan(way):
+                    mem[M_FIX_NORTH], mem[M_FIX_EAST] = north, east
+                elif way > 10.0:
+                    reset(3, math.atan2(step_e, step_n), 0.04, x, P, out, tape_index)
+                    mem[M_HEADING_SET] = 1.0
+            r = (s[S_GPS] * dilution) ** 2
+            if mem[M_HEADING_SET] > 0.0 or not moving:
+                a1 = fuse(GPS_NORTH, north, r, lag, x, P, mem, p, s, rec, out, tape, tape_index, work)
+                a2 = fuse(GPS_EAST, east, r, lag, x, P, mem, p, s, rec, out, tape, tape_index, work)
+                if a1 == REOPENED or a2 == REOPENED:
+                    # the receiver may have jumped, or we are lost: let both move
+                    for k in (5, 6, 17, 18):
+                        P[k, k] += 100.0
+            if math.isfinite(alt):
+                r = (s[S_GPS_Z] * dilution) ** 2
+                fuse(GPS_ALTITUDE, alt, r, lag, x, P, mem, p, s, rec, out, tape, tape_index, work)
+            if math.isfinite(told_speed):
+                r = s[S_GPS_SPEED] ** 2
+                fuse(GPS_SPEED, told_speed, r, lag, x, P, mem, p, s, rec, out, tape, tape_index, work)
+                if moving and told_speed > 3.0 and mem[M_HEADING_SET] > 0.0 and math.isfinite(course):
+                    r = (s[S_GPS_COURSE] / told_speed) ** 2
+                    reason = fuse(GPS_COURSE, course, r, lag, x, P, mem, p, s, rec, out, tape, tape_index, work)
+                    if reason == REOPENED:
+                        reset(3, course + lag * x[8] * x[1], r + 0.01, x, P, out, tape_index)
+
+        elif code == MAP:
+            if math.isfinite(events[e, 2]):
+                fuse(MAP_HEADING, events[e, 2], events[e, 3] ** 2, 0.0, x, P, mem, p, s, rec, out, tape, tape_index, work)
+            if math.isfinite(events[e, 4]):
+                fuse(MAP_ALTITUDE, events[e, 4], events[e, 5] ** 2, 0.0, x, P, mem, p, s, rec, out, tape, tape_index, work)
+            if math.isfinite(events[e, 6]):
+                fuse(MAP_STRAIGHTNESS, events[e, 6], events[e, 7] ** 2, 0.0, x, P, mem, p, s, rec, out, tape, tape_index, work)
+
+        elif code == GYROSCOPE:
+            r = s[S_GYRO] ** 2
+            fuse(YAW_RATE, events[e, 4], r, 0.0, x, P, mem, p, s, rec, out, tape, tape_index, work)
+            fuse(PITCH_RATE, events[e, 3], r, 0.0, x, P, mem, p, s, rec, out, tape, tape_index, work)
+
+        elif code == COMPASS_EVENT:
+            fuse(COMPASS, events[e, 2], s[S_COMPASS] ** 2, 0.0, x, P, mem, p, s, rec, out, tape, tape_index, work)
+
+        elif code == SPEED_EVENT:
+            fuse(SPEED, events[e, 2], s[S_SPEED] ** 2, 0.0, x, P, mem, p, s, rec, out, tape, tape_index, work)
+            mem[M_TICKS] += 1.0 if events[e, 2] > 1.0 else 0.0
+
+        elif code == FUEL:
+            r = (s[S_FUEL] * events[e, 2]) ** 2 + 1e4
+            told = events[e, 2]
+            if math.isfinite(told):
+                thrust = s[S_THRUST_GAIN] * (told - x[11]) / max(x[1], 3.0)
+                mem[M_RESERVOIR] += thrust * thrust
+                P[11, 11] += (told - x[11]) ** 2
+            fuse(FUEL_POWER, told, r, 0.0, x, P, mem, p, s, rec, out, tape, tape_index, work)
+            mem[M_CUT] = 1.0 if told < 200.0 else 0.0
+
+        elif code == GRID:
+            # silence is information
+            if mem[M_TICKS] > 0.0 or math.isnan(mem[M_TICK_TIME]):
+                quiet = t - mem[M_TICK_TIME]
+                if quiet > s[S_TICK_SILENCE] or math.isnan(quiet):
+                    mem[M_SILENT] = 1.0
+                    mem[M_TICK_ANCHORED] = 0.0
+                    v = s[S_SILENT_SPEED]
+                    if math.isnan(quiet) or quiet > 2.0:
+                        fuse(SILENT_WHEELS, 0.0, 0.25, 0.0, x, P, mem, p, s, rec, out, tape, tape_index, work)
+                    elif x[1] > 0.5 * v:
+                        fuse(SILENT_WHEELS, 0.5 * v, 0.3 * v * v, 0.0, x, P, mem, p, s, rec, out, tape, tape_index, work)
+            quiet = t - mem[M_PULSE_TIME]
+            if quiet > s[S_CUT_GAP]:
+                if mem[M_CUT] == 0.0:
+                    mem[M_CUT] = 1.0
+                    mem[M_ANGLE_ANCHORED] = 0.0
+                    mem[M_ENERGY_ANCHORED] = 0.0
+                    reset(11, 0.0, 1e4, x, P, out, tape_index)
+                    mem[M_PULSE_POWER] = 0.0
+            if not sound(P, chol):
+                mem[M_REPAIRS] += 1.0
+                for i in range(NX):
+                    if not math.isfinite(x[i]):
+                        x[i] = 0.0
+                    reset(i, x[i], initial_variance(i, s), x, P, out, tape_index)
+            if abs(x[4]) > 0.5:
+                reset(4, 0.0, s[S_PITCH] * s[S_PITCH], x, P, out, tape_index)
+            m = out[1]
+            if m < grid_x.shape[0]:
+                for i in range(NX):
+                    grid_x[m, i] = x[i]
+                    grid_P[m, i] = P[i, i]
+            if out[4] > 0:
+                k = out[2]
+                tape_index[k, 0] = OP_GRID
+                tape_index[k, 1] = m
+                for i in range(NX):
+                    tape[k, i] = x[i]
+                j = out[5]
+                tape_index[k, 2] = j
+                for i in range(NX):
+                    for l in range(NX):
+                        tape_P[j, i, l] = P[i, l]
+                out[5] = j + 1
+                out[2] = k + 1
+            out[1] = m + 1
+
+
+@njit(cache=True)
+def retreat(tape, tape_index, tape_P, size, lam, L, p, s, smooth_x, smooth_P):
+    """The modified Bryson-Frazier smoother backwards over a tape of `size` lines (Bierman 1973).
+
+    lam (NX) and L (NX, NX) are the adjoint state and its information; they carry over from the tape that follows.
+    smooth_x, smooth_P (k, NX) receive the smoothed states and variances at the grid's places.
+    """
+    n = np.empty((7, 6))
+    xm = np.empty(NX + 4)
+    b = np.empty(NX)
+    w = np.empty((NX, NX))
+    for m in range(size - 1, -1, -1):
+        op = tape_index[m, 0]
+        if op == OP_ROW:
+            k_gain = tape[m, 0:NX]
+            count = tape_index[m, 1]
+            nu, inverse = tape[m, NX + 8], tape[m, NX + 9]
+            # (I - K H)' lam - H' nu / S, and the same on both sides of L, plus H' H / S
+            dot = 0.0
+            for i in range(NX):
+                dot += k_gain[i] * lam[i]
+            for i in range(NX):
+                total = 0.0
+                for j in range(NX):
+                    total += L[i, j] * k_gain[j]
+                b[i] = total
+            quad = 0.0
+            for i in range(NX):
+                quad += k_gain[i] * b[i]
+            for c in range(count):
+                i = tape_index[m, 2 + c]
+                h = tape[m, NX + c]
+                lam[i] -= h * (dot + nu * inverse)
+                for j in range(NX):
+                    L[i, j] -= h * b[j]
+            for c in range(count):
+                i = tape_index[m, 2 + c]
+                h = tape[m, NX + c]
+                for j in range(NX):
+                    L[j, i] -= h * b[j]
+            for c in range(count):
+                i = tape_index[m, 2 + c]
+                for d in range(count):
+                    j = tape_index[m, 2 + d]
+                    L[i, j] += tape[m, NX + c] * tape[m, NX + d] * (quad + inverse)
+        elif op == OP_PREDICT:
+            dt = tape[m, NX + 8]
+            transition(tape[m], dt, p, n, xm)
+            decay = math.exp(-dt / s[S_DRIFT_TIME])
+            decay_z = math.exp(-dt / s[S_DRIFT_Z_TIME])
+            transpose_apply(lam, n, dt, decay, decay_z)
+            # L <- Phi' L Phi: rows, then (by symmetry) columns through the transpose
+            rows_apply(L, n, dt, decay, decay_z)
+            for i in range(NX):
+                for j in range(i):
+                    c = L[i, j]
+                    L[i, j] = L[j, i]
+                    L[j, i] = c
+            rows_apply(L, n, dt, decay, decay_z)
+            for i in range(NX):
+                for j in range(i):
+                    mean = 0.5 * (L[i, j] + L[j, i])
+                    L[i, j] = mean
+                    L[j, i] = mean
+        elif op == OP_RESET:
+            i = tape_index[m, 1]
+            lam[i] = 0.0
+            for j in range(NX):
+                L[i, j] = 0.0
+                L[j, i] = 0.0
+        else:
+            g = tape_index[m, 1]
+            P = tape_P[tape_index[m, 2]]
+            if g < smooth_x.shape[0]:
+                for i in range(NX):
+                    total = 0.0
+                    for j in range(NX):
+                        total += P[i, j] * lam[j]
+                    smooth_x[g, i] = tape[m, i] - total
+                for i in range(NX):
+                    for j in range(NX):
+                        w[i, j] = 0.0
+                    for k in range(NX):
+                        c = P[i, k]
+                        for j in range(NX):
+                            w[i, j] += c * L[k, j]
+                for i in range(NX):
+                    total = 0.0
+                    for j in range(NX):
+                        total += w[i, j] * P[j, i]
+                    smooth_P[g, i] = P[i, i] - total
+
+
+@njit(cache=True)
+def transpose_apply(lam, n, dt, decay, decay_z):
+    """lam <- Phi' lam."""
+    a0, a1, a2, a3, a4, a5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for r in range(7):
+        c = lam[r if r < 2 else r + 1]
+        a0 += c * n[r, 0]
+        a1 += c * n[r, 1]
+        a2 += c * n[r, 2]
+        a3 += c * n[r, 3]
+        a4 += c * n[r, 4]
+        a5 += c * n[r, 5]
+    lam[1] += a0
+    lam[2] += a1
+    lam[4] += a2
+    lam[9] += a3
+    lam[3] += a4
+    lam[8] += a5
+    lam[11] += dt * lam[10]
+    lam[13] += dt * lam[12]
+    lam[17] *= decay
+    lam[18] *= decay
+    lam[19] *= decay_z
+
+
+@njit(cache=True)
+def rows_apply(L, n, dt, decay, decay_z):
+    """L <- Phi' L."""
+    a = np.zeros((6, NX))
+    for r in range(7):
+        i = r if r < 2 else r + 1
+        for c in range(6):
+            h = n[r, c]
+            if h != 0.0:
+                for j in range(NX):
+                    a[c, j] += h * L[i, j]
+    for j in range(NX):
+        L[1, j] += a[0, j]
+        L[2, j] += a[1, j]
+        L[4, j] += a[2, j]
+        L[9, j] += a[3, j]
+        L[3, j] += a[4, j]
+        L[8, j] += a[5, j]
+        L[11, j] += dt * L[10, j]
+        L[13, j] += dt * L[12, j]
+        L[17, j] *= decay
+        L[18, j] *= decay
+        L[19, j] *= decay_z
