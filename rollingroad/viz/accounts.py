@@ -14,7 +14,7 @@ PARTS = ("engine", "driveline", "air drag", "rolling", "brakes", "stored")
 class EnergyAccount:
     """J over a drive. The parts sum to `fuel` up to the error of the time integration.
 
-    `parts`: "engine" heat, friction, accessories; "driveline" losses, slipping clutch, and what spins up the drivetrain;
+    `parts`: "engine" heat, friction, accessories; "driveline" losses, slipping clutch, what spins the drivetrain;
     "air drag" and "rolling" (and what else resists: wind, curves), told apart by the car file's drag area; "brakes";
     "stored" kinetic and potential energy gained from start to end.
     """

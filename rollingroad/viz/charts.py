@@ -17,7 +17,7 @@ BASELINE, ADVISED, ADVICE, LIMIT, TRUTH, FOUND, FILTER = BLUE, VERMILION, GREEN,
 
 @dataclass(frozen=True)
 class Line:
-    """y over x, both (n,). `dash` "" or "dash" or "dot"; `step` holds the value until the next x; `dots` draws no line."""
+    """y over x, both (n,). `dash`: "", "dash", "dot"; `step` holds the value until the next x; `dots` draws no line."""
 
     x: Array
     y: Array

@@ -19,6 +19,7 @@ _STYLE = {
     "axes.titlesize": 9.5,
     "axes.titlelocation": "left",
     "axes.grid": True,
+    "axes.axisbelow": True,
     "grid.color": "#dddddd",
     "grid.linewidth": 0.6,
     "legend.frameon": False,
@@ -42,6 +43,8 @@ def draw(chart: Chart, width: float = 6.4) -> Figure:
             grid = figure.subplots(count, 1, squeeze=False, sharex=True, height_ratios=weights)[:, 0]
         for axes, panel in zip(grid, chart.panels, strict=True):
             _draw_panel(axes, panel)
+            if chart.beside and any(isinstance(mark, Bars) for mark in panel.marks):
+                axes.tick_params(labelleft=axes is grid[0])
         return figure
 
 
@@ -74,7 +77,7 @@ def _draw_panel(axes: Axes, panel: Panel) -> None:
     if panel.x_range:
         axes.set_xlim(*panel.x_range)
     handles, names = axes.get_legend_handles_labels()
-    if len(set(names)) > 1 or filled:
+    if len(set(names)) > 1:
         unique = dict(zip(names, handles, strict=True))
         axes.legend(unique.values(), unique.keys(), ncols=4, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderpad=0.1)
 

@@ -21,7 +21,8 @@ def plotly_figure(chart: Chart) -> dict[str, Any]:
         "font": {"family": "system-ui, sans-serif", "size": 12},
         "paper_bgcolor": "rgba(0,0,0,0)",
         "plot_bgcolor": "rgba(0,0,0,0)",
-        "legend": {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0},
+        "legend": {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0, "traceorder": "normal"},
+        "modebar": {"bgcolor": "rgba(255,255,255,0.8)", "color": "#767676", "activecolor": "#1a1a1a"},
         "hovermode": "closest" if chart.beside else "x unified",
         "dragmode": "zoom",
         "barmode": "stack",
@@ -31,7 +32,10 @@ def plotly_figure(chart: Chart) -> dict[str, Any]:
     for number, (panel, place) in enumerate(zip(chart.panels, _places(chart), strict=True), start=1):
         suffix = "" if number == 1 else str(number)
         layout |= _axes(panel, place, suffix, number, chart)
+        if panel.title:
+            layout["annotations"].append(_heading(panel.title, suffix))
         seen = {trace["name"] for trace in data if "name" in trace}
+        named = sum(isinstance(mark, Line | Band | Bars) for mark in panel.marks) > 1
         for mark in panel.marks:
             if isinstance(mark, Span):
                 layout["shapes"].append(_shape(mark, suffix))
@@ -39,14 +43,14 @@ def plotly_figure(chart: Chart) -> dict[str, Any]:
                 continue
             for trace in _traces(mark, place):
                 trace |= {"xaxis": f"x{suffix}", "yaxis": f"y{suffix}"}
-                if trace.get("name") in seen:
-                    trace["showlegend"] = False
+                if "name" in trace:
+                    trace["showlegend"] = named and trace["name"] not in seen
                 data.append(trace)
     return {"data": data, "layout": layout}
 
 
 def _places(chart: Chart) -> list[tuple[float, float]]:
-    """Each panel's share of the width (panels beside one another) or of the height (under one another, from the top)."""
+    """Each panel's share of the width (panels beside one another) or of the height (from the top down)."""
     gap = 0.09 if chart.beside else 0.06
     weights = np.array([1.0 if chart.beside else panel.weight for panel in chart.panels])
     sizes = weights / weights.sum() * (1.0 - gap * (len(weights) - 1))
@@ -71,7 +75,7 @@ def _axes(panel: Panel, place: tuple[float, float], suffix: str, number: int, ch
     if panel.x_range:
         x["range"] = tuple(np.log10(panel.x_range)) if panel.log_x else panel.x_range
     if any(isinstance(mark, Bars) for mark in panel.marks):
-        y |= {"autorange": "reversed", "title": {"text": ""}}
+        y |= {"autorange": "reversed", "title": {"text": ""}, "showticklabels": number == 1}
     axes: dict[str, Any] = {f"xaxis{suffix}": x, f"yaxis{suffix}": y}
     return axes
 
@@ -104,7 +108,7 @@ def _traces(mark: Mark, place: tuple[float, float]) -> list[dict[str, Any]]:
                 "colorscale": _stops(mark.scale), "hoverongaps": False,
                 "hovertemplate": "%{x:.0f} rpm, %{y:.0f} N m<br>" + mark.name + " %{z:.2f}<extra></extra>",
             }  # fmt: skip
-            bar = {"orientation": "h", "title": {"text": mark.name, "side": "bottom"}, "thickness": 10, "y": -0.28}
+            bar = {"orientation": "h", "title": {"text": mark.name, "side": "bottom"}, "thickness": 10, "y": -0.24}
             bar |= {"x": 0.5 * (place[0] + place[1]), "len": place[1] - place[0], "yanchor": "top"}
             faint = {**common, "z": _packed(np.where(sure, np.nan, mark.z).T), "opacity": 0.3, "showscale": False}
             return [faint, {**common, "z": _packed(np.where(sure, mark.z, np.nan).T), "colorbar": bar}]
@@ -137,6 +141,11 @@ def _stops(scale: str) -> list[tuple[float, str]]:
     """matplotlib's colour map of that name, so that both drawings agree."""
     places = np.linspace(0.0, 1.0, 17)
     return [(float(place), to_hex(colormaps[scale](place))) for place in places]
+
+
+def _heading(text: str, suffix: str) -> dict[str, Any]:
+    place = {"xref": f"x{suffix} domain", "yref": f"y{suffix} domain", "x": 0, "y": 1, "xanchor": "left"}
+    return {**place, "text": f"<b>{text}</b>", "showarrow": False, "yanchor": "bottom"}
 
 
 def _faint(colour: str) -> str:

@@ -226,7 +226,9 @@ def _write_gps(out: _Writer, run: Run) -> None:
     east, north, _ = pymap3d.geodetic2enu(gps["latitude"], gps["longitude"], gps["altitude"], *run.baseline.origin)
     colours = (255 * colormaps["cividis"](np.clip((gps["hdop"] - 0.8) / 4.0, 0.0, 1.0))).astype(np.uint8)
     positions = _plan(np.asarray(east), np.asarray(north))
-    out.static("plan/gps/fixes", rr.Points2D(positions, colors=colours, radii=[rr.Radius.ui_points(2.0)]))
+    out.static(
+        "plan/gps/fixes", rr.Points2D(positions, colors=colours, radii=[rr.Radius.ui_points(2.0)], draw_order=-1.0)
+    )
     geo = np.column_stack([gps["latitude"], gps["longitude"]])
     out.static("map/gps/fixes", rr.GeoPoints(lat_lon=geo, colors=colours, radii=[rr.Radius.ui_points(2.0)]))
     t = np.maximum.accumulate(gps["t"])
@@ -248,7 +250,7 @@ def _gaps(time: Array, longest: float = 1.0) -> tuple[Array, Array]:
 
 
 def _write_engine_map(out: _Writer, found: EfficiencyMap, trip: Trip) -> None:
-    """The map as an image of one pixel per cell, and where the engine is on it: x in cells of 50 rpm, y down in 2 N m."""
+    """The map as an image, one pixel per cell, and the engine's place on it: x in cells of 50 rpm, y down in 2 N m."""
     picture = colormaps["cividis"](np.clip(np.nan_to_num(found.mean) / 0.4, 0.0, 1.0))
     picture[~np.isfinite(found.mean)] = (0.93, 0.93, 0.93, 1.0)
     doubtful = np.isfinite(found.mean) & ~found.valid
@@ -285,9 +287,19 @@ def _blueprint(run: Run) -> rrb.Blueprint:
 
     paper = (255, 255, 255)
     plan = rrb.Spatial2DView(origin="/plan", name="plan (m)", background=paper)
-    engine = rrb.Spatial2DView(origin="/engine_map", name="engine on the efficiency map found", background=paper)
+    cells = np.argwhere(run.efficiency_map.count.any(axis=1)).ravel()
+    span = (
+        (float(cells[0]) - 8.0, float(cells[-1]) + 3.0) if len(cells) else (0.0, float(len(run.efficiency_map.count)))
+    )
+    engine = rrb.Spatial2DView(
+        origin="/engine_map",
+        name="engine on the efficiency map found",
+        background=paper,
+        visual_bounds=rrb.VisualBounds2D(x_range=span, y_range=(-2.0, len(run.efficiency_map.torque) + 5.0)),
+    )
     earth = rrb.MapView(origin="/map", name="map (needs the net for its tiles)")
-    events = rrb.StateTimelineView(origin="/events", name="faults, outages, clutch")
+    lanes = ["gps", "sky", "clutch/baseline", "clutch/advised"]
+    events = rrb.StateTimelineView(name="faults, outages, clutch", contents=[f"/events/{lane}" for lane in lanes])
     drive = rrb.Horizontal(
         rrb.Vertical(rrb.Tabs(plan, earth), engine),
         rrb.Vertical(
@@ -325,7 +337,7 @@ def _blueprint(run: Run) -> rrb.Blueprint:
     )
     return rrb.Blueprint(
         rrb.Tabs(drive, observer, engine_tab, active_tab=0),
-        rrb.TimePanel(state="collapsed", timeline="time"),
+        rrb.TimePanel(state="collapsed", timeline="time", play_state="paused"),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         auto_views=False,

@@ -31,19 +31,24 @@ def write_report(run: Run, path: Path) -> None:
 def _answer(run: Run) -> str:
     r = run.results
     base, saving = r["baseline"], r["saving_percent"]
-    start = f"{r['distance_m'] / 1e3:.1f} km in {minutes(base['time_s'])}. The baseline driver burnt {_fuel(run, base['fuel_J'])}"
+    drive = f"{r['distance_m'] / 1e3:.1f} km in {minutes(base['time_s'])}"
+    start = f"{drive}. The baseline driver burnt {_fuel(run, base['fuel_J'])}"
     if saving is None:
         return (
             f"{start}. No drive with advice could be brought to the same trip time, so there is no fair saving to give."
         )
     verb = "saves" if saving >= 0 else "costs"
-    return f"{start}, the advised driver {_fuel(run, r['advised']['fuel_J'])}: at equal trip time the advice {verb} {abs(saving):.1f} % of the fuel."
+    advised = _fuel(run, r["advised"]["fuel_J"])
+    return (
+        f"{start}, the advised driver {advised}: at equal trip time the advice {verb} {abs(saving):.1f} % of the fuel."
+    )
 
 
 def _tiles(r: Mapping[str, Any]) -> list[dict[str, str]]:
     fair = number(r["saving_percent"], 1, "%", sign=True)
     return [
-        {"name": "saved at equal time", "value": fair, "note": interval(r["saving_ci95"], 1, "%", "one pair of drives")},
+        {"name": "saved at equal time", "value": fair,
+         "note": interval(r["saving_ci95"], 1, "%", "one pair of drives")},
         {"name": "oracle", "value": number(r["oracle_saving_percent"], 1, "%", sign=True),
          "note": "plan on the true map, followed perfectly"},
         {"name": "naive figure, not a saving", "value": number(r["naive_saving_percent"], 1, "%", sign=True),

@@ -69,16 +69,17 @@ def fuel_chart(run: Run) -> Chart:
     s = np.linspace(0.0, min(run.baseline.distance[-1], run.advised.distance[-1]), _POINTS)
     base_fuel, adv_fuel = (np.interp(s, t.distance, t.fuel_energy) / 1e6 for t in (run.baseline, run.advised))
     base_time, adv_time = (np.interp(s, t.distance, t.time) for t in (run.baseline, run.advised))
+    zero = Line(np.array([0.0, s[-1] / 1e3]), np.zeros(2), "baseline", charts.BASELINE, width=1.0)
     return Chart(
         "fuel",
         "Where the difference arises",
         "Advised minus baseline up to each place: below zero the advised driver has burnt less, or is ahead in time. "
         "Only where both curves are read together does a saving mean something.",
         (
-            Panel("fuel (MJ)", (Line(s / 1e3, adv_fuel - base_fuel, "advised - baseline", charts.ADVISED),)),
+            Panel("fuel (MJ)", (zero, Line(s / 1e3, adv_fuel - base_fuel, "advised - baseline", charts.ADVISED))),
             Panel(
                 "time (s)",
-                (Line(s / 1e3, adv_time - base_time, "advised - baseline", charts.ADVISED),),
+                (zero, Line(s / 1e3, adv_time - base_time, "advised - baseline", charts.ADVISED)),
                 x_label="distance (km)",
             ),
         ),
@@ -98,8 +99,8 @@ def account_chart(run: Run) -> Chart:
     return Chart(
         "account",
         "Where the fuel went",
-        "The heating value of the fuel burnt, by what became of it; measured on the simulated truth, so without error of "
-        f"estimation. Of it, {standing} burnt while standing.",
+        "The heating value of the fuel burnt, by what became of it: read off the simulated truth, hence without error. "
+        f"Of it, {standing} burnt while standing.",
         (Panel("", bars, x_label="energy (MJ)"),),
         height=230,
     )
@@ -168,8 +169,8 @@ def consistency_chart(estimate: Estimate) -> Chart:
     return Chart(
         "consistency",
         "Does the observer know how wrong it is?",
-        "Left: the mean normalised innovation squared per measurement; 1 is a filter whose stated uncertainty is right, less is "
-        "cautious, more is overconfident. Right: measurements that the gate refused.",
+        "Left: the mean normalised innovation squared per measurement; 1 where the stated uncertainty is right, less "
+        "is cautious, more is overconfident. Right: measurements that the gate refused.",
         (
             Panel("", (Bars(kinds, nis, "mean NIS", charts.BLUE), Span(0.95, 1.05, "1")), x_label="mean NIS (1)"),
             Panel("", (Bars(kinds, rejected, "rejected", charts.VERMILION),), x_label="rejected (%)"),

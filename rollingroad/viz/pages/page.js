@@ -13,24 +13,33 @@
     const { data, layout, beside } = figures[figure.dataset.chart];
     const live = figure.querySelector(".live");
     figure.classList.add("drawn");
-    if (narrow()) shrink(layout, beside);
-    await Plotly.newPlot(live, data, layout, { responsive: true, displaylogo: false, displayModeBar: narrow() ? false : "hover" });
+    if (narrow()) shrink(data, layout, beside);
+    await Plotly.newPlot(live, data, layout, {
+      responsive: true, displaylogo: false, displayModeBar: narrow() ? false : "hover",
+      modeBarButtonsToRemove: ["select2d", "lasso2d", "zoomIn2d", "zoomOut2d"],
+    });
   }
   document.documentElement.dataset.ready = "yes";
 
   // On a phone, panels that stood side by side stand under one another.
-  function shrink(layout, beside) {
+  function shrink(data, layout, beside) {
     layout.font.size = 11;
     layout.margin = { ...layout.margin, l: 44, r: 4 };
     layout.dragmode = false;
     if (!beside) return;
     const axes = Object.keys(layout).filter((key) => key.startsWith("xaxis"));
-    const gap = 0.2, size = (1 - gap * (axes.length - 1)) / axes.length;
+    const gap = 100 / (layout.height * axes.length), size = (1 - gap * (axes.length - 1)) / axes.length;
     layout.height = layout.height * axes.length;
     axes.forEach((key, i) => {
       const top = 1 - i * (size + gap);
+      const y = layout[key.replace("x", "y")];
       layout[key].domain = [0, 1];
-      layout[key.replace("x", "y")].domain = [Math.max(top - size, 0), top];
+      y.domain = [Math.max(top - size, 0), top];
+      y.showticklabels = true;
     });
+    for (const { colorbar, yaxis } of data.filter((trace) => trace.colorbar)) {
+      const below = layout[yaxis.replace("y", "yaxis")].domain[0] - 46 / layout.height;
+      Object.assign(colorbar, { x: 0.5, len: 1, y: below });
+    }
   }
 })();
