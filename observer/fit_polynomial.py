@@ -160,7 +160,10 @@ def cut_at_minimum(fit: Fit, cells: Cells, car: Car) -> CutFit:
 
 def _falling_outwards(eta: NDArray, along: NDArray, line: NDArray) -> NDArray[np.bool_]:
     """Along the first axis of `eta` (n, m): True between the cells (`along`, `line`) and, outwards, while it is
-    positive and has not begun to rise again after falling. A line without cells takes the extent of the nearest one that has."""
+    positive and has not begun to rise again after falling.
+
+    A line without cells takes the extent of the nearest one that has.
+    """
     kept = np.zeros(eta.shape, bool)
     seen = np.unique(line)
     for number in range(eta.shape[1]):

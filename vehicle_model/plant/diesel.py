@@ -97,7 +97,9 @@ def _gas_exchange(x, u, p):  # pragma: no cover - compiled
 
     # torque
     M_pump = p.V_d / (4.0 * np.pi) * (p_em - p_im)
-    M_gross = u_delta * 1e-6 * p.n_cyl * p.q_HV * p.eta_igch * (1.0 - 1.0 / p.r_c ** (p.gamma_cyl - 1.0)) / (4.0 * np.pi)
+    M_gross = (
+        u_delta * 1e-6 * p.n_cyl * p.q_HV * p.eta_igch * (1.0 - 1.0 / p.r_c ** (p.gamma_cyl - 1.0)) / (4.0 * np.pi)
+    )
     n = n_e / 1000.0
     M_fric = p.V_d / (4.0 * np.pi) * 1e5 * (p.c_fric1 * n**2 + p.c_fric2 * n + p.c_fric3)
 
@@ -128,7 +130,7 @@ def _rates(x, u, p):  # pragma: no cover - compiled
 def _simulate(x, inputs, bias, disturbance, step, substeps, actuators, p):  # pragma: no cover - compiled
     n = len(inputs)
     states, flows = np.empty((n, 3)), np.empty((n, 6))
-    lag_egr, lag_vgt = int(round(p.tau_degr / step)), int(round(p.tau_dvgt / step))
+    lag_egr, lag_vgt = round(p.tau_degr / step), round(p.tau_dvgt / step)
     h = step / substeps
     for k in range(n):
         u = inputs[k].copy()
@@ -198,7 +200,7 @@ def diesel_rates(
 
 
 def steady_diesel(inputs: NDArray, parameters: DieselParameters | None = None) -> NDArray[np.float64]:
-    """Stationary (p_im, p_em, omega_t) for a constant input (4,): settled for 40 s, then polished by Newton's method."""
+    """Stationary (p_im, p_em, omega_t) for a constant input (4,): settled for 40 s, then Newton's method."""
     p = parameters or DieselParameters()
     u = np.asarray(inputs, dtype=float)
     held = np.tile(u, (4000, 1))
@@ -211,7 +213,7 @@ def steady_diesel(inputs: NDArray, parameters: DieselParameters | None = None) -
 
 
 def schedule(u_delta: NDArray, n_e: NDArray) -> NDArray[np.float64]:
-    """Valve positions of an ordinary calibration, (n, 2): much EGR and a closed turbine at low load, the reverse at high."""
+    """Valve positions of an ordinary calibration, (n, 2): much EGR and a closed turbine at low load."""
     load = np.clip(u_delta / 200.0, 0.0, 1.0)
     speed = np.clip((n_e - 800.0) / 1200.0, 0.0, 1.0)
     u_egr = 55.0 * (1.0 - load) ** 1.5
@@ -226,7 +228,7 @@ def transient_cycle(seed: int, seconds: float = 1800.0, step: float = 0.01) -> N
     a wobble of their own. It is not the regulation's table.
     """
     rng = generator(seed, "diesel transient cycle")
-    n = int(round(seconds / step))
+    n = round(seconds / step)
     fuel, speed = np.empty(n), np.empty(n)
     parts = (  # dwell [s], fuel [mg/cycle], speed [rpm], share of time with the foot off
         ((2.0, 9.0), (20.0, 190.0), (750.0, 1700.0), 0.30),
