@@ -1,21 +1,66 @@
 """The sensor box: what a cheap logger in the car would write on its card during a trip."""
 
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from typing import Any, Protocol
+
 import numpy as np
 from numpy.typing import NDArray
 
 from sensors import accelerometer, compass, faults, gps, gyroscope, injector, wheel
 from sensors import packets as card
 from sensors.clock import Clock, clock, skew_readings, stamp
+from sensors.effects import with_effects
 from sensors.packets import write_log
 from sensors.settings import BoxSettings, Fault
+from vehicle_model.car.errors import BadInput
 from vehicle_model.car.parameters import Car
 from vehicle_model.car.randomness import generator
 from vehicle_model.car.trip import Trip
 
-__all__ = ["BoxSettings", "Fault", "measure", "record", "write_log"]
+__all__ = ["BoxSettings", "Fault", "box_settings", "measure", "record", "write_log"]
 
 CAPTURED = ("wheel", "injector")
 """Sensors whose stamps are captured in hardware; the main loop stamps the others."""
+
+
+class Declared(Protocol):
+    """What a scenario says of the box: departures by field name, and a timeline of faults."""
+
+    @property
+    def box(self) -> Mapping[str, Any]: ...
+    @property
+    def faults(self) -> Sequence[Mapping[str, Any]]: ...
+
+
+def box_settings(declared: Declared | None = None, effects: Mapping[str, float] | None = None) -> BoxSettings:
+    """Return the default box with what a scenario declares and the effects ({"effect.parameter": value}) set.
+
+    Effect keys of other rooms are left alone. Raises BadInput for an unknown field, a value of another type or a
+    bad fault.
+    """
+    default = BoxSettings()
+    chosen: dict[str, Any] = {}
+    known = {part.name for part in fields(BoxSettings)} - {"faults"}
+    for name, value in (declared.box if declared else {}).items():
+        place = f"sensors.box.{name}"
+        if name not in known:
+            raise BadInput("scenario", place, f"a field of the box: {', '.join(sorted(known))}")
+        kind = type(getattr(default, name))
+        if not isinstance(value, (float, int)) or isinstance(value, bool) != (kind is bool) or value != value:
+            raise BadInput("scenario", place, f"a {kind.__name__}, not {value!r}")
+        chosen[name] = kind(value)
+    timeline = []
+    for number, row in enumerate(declared.faults if declared else ()):
+        try:
+            timeline.append(Fault(**row))
+        except TypeError as error:
+            allowed = ", ".join(part.name for part in fields(Fault))
+            raise BadInput(
+                "scenario", f"sensors.faults[{number}]", f"sensor and kind, of the keys {allowed}"
+            ) from error
+    faults.check(timeline)
+    return with_effects(default.changed(**chosen, faults=tuple(timeline)), effects or {})
 
 
 def measure(trip: Trip, car: Car, settings: BoxSettings, seed: int) -> dict[str, NDArray]:

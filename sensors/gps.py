@@ -57,12 +57,10 @@ def measure(trip: Trip, settings: BoxSettings, seed: int) -> NDArray:
     sky = trip.sky[np.clip(np.round((t - trip.time[0]) / trip.step).astype(np.int64), 0, trip.time.size - 1)]
     canyon = sky == CANYON
     reflected = _lagged(canyon.astype(np.float64), step, 2.0)
+    reflection = np.hypot(settings.gps_canyon_error * reflected, settings.gps_multipath)
     for name in errors:
-        multipath = gauss_markov(rng, t.size, step, settings.gps_canyon_time)
-        errors[name] = errors[name] + settings.gps_canyon_error * reflected * multipath
-    height = height + 1.5 * settings.gps_canyon_error * reflected * gauss_markov(
-        rng, t.size, step, settings.gps_canyon_time
-    )
+        errors[name] = errors[name] + reflection * gauss_markov(rng, t.size, step, settings.gps_canyon_time)
+    height = height + 1.5 * reflection * gauss_markov(rng, t.size, step, settings.gps_canyon_time)
     lost = _lost(sky, canyon, step, settings, rng)
     # HDOP tells of the satellites' places, not of the multipath: between houses it lies.
     wobble = gauss_markov(rng, t.size, step, 60.0)
@@ -81,6 +79,21 @@ def measure(trip: Trip, settings: BoxSettings, seed: int) -> NDArray:
     out["satellites"] = np.clip(np.round(9.0 + wobble - 4.0 * reflected), 4, 12)
     out["quality"] = np.where(lost, 0, 1)
     out["speed"], out["course"] = speed, heading % (2.0 * np.pi)
+    return _stuck(out, step, settings.gps_stuck, generator(seed, "sensors.gps.stuck"))
+
+
+def _stuck(fixes: NDArray, step: float, share: float, rng: np.random.Generator) -> NDArray:
+    """Repeat fixes for 10 s at a time, `share` of the time: same place and speed, same good HDOP, the time runs on."""
+    if share <= 0.0:
+        return fixes
+    length = round(10.0 / step)
+    begins = np.arange(0, fixes.size, length)
+    source = np.arange(fixes.size)
+    for begin in begins[rng.uniform(0.0, 1.0, begins.size) < share]:
+        source[begin : begin + length] = begin
+    out = fixes[source]
+    for name in ("t", "utc", "delay"):
+        out[name] = fixes[name]
     return out
 
 

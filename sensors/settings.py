@@ -84,6 +84,10 @@ class BoxSettings:
     """Share of the time without a fix between houses."""
     gps_reacquisition: float = 3.0
     """s without a fix behind a tunnel, at most."""
+    gps_multipath: float = 0.0
+    """m, reflections everywhere, correlated over `gps_canyon_time`."""
+    gps_stuck: float = 0.0
+    """Share of the time in which the receiver repeats its last fix, ten seconds at a time ("dynamically stuck")."""
 
     wheel_tooth_error: float = 0.003
     """Share of a tooth's pitch, fixed pattern over a turn."""
