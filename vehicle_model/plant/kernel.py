@@ -45,6 +45,7 @@ MAX_GEARS = 12
     P_BRAKE_DRAG_HOT,  # N, after braking
     P_BRAKE_COOLING,  # 1/s
     P_BRAKE_LIMIT,  # N
+    P_TRACTION,  # N, what the driven wheels hold
     P_SLIP_COMPLIANCE,  # 1/N, wheel slip per tyre force
     P_SLIP_RELAXATION,  # 1/s
     P_GEARS,  # number of gears
@@ -105,7 +106,7 @@ MAX_GEARS = 12
     P_IDLE_FUEL,  # factor on the fuel at standstill
     P_STOP_AFTER,  # s of standstill after which the engine stops
     P_TABLE_RATE,  # nodes per rad/s
-) = range(87)
+) = range(88)
 P_RATIO = 90
 """p[P_RATIO + gear]: engine speed / wheel speed; neutral is 0."""
 P_LOSS = P_RATIO + MAX_GEARS + 1
@@ -297,6 +298,7 @@ def step(p, x, force, gear_wanted, pitch, straightness, vertical, heading, dt):
 
     `pitch` (rad), `straightness` and `vertical` (rad/m), `heading` (rad): the road under the car.
     """
+    force = min(force, p[P_TRACTION])
     v0 = x[X_SPEED]
     time = x[X_TIME]
     mass = p[P_MASS]

@@ -70,6 +70,7 @@ def _body(p: NDArray[np.float64], car: Car, s: dict[str, float]) -> None:
     p[k.P_BRAKE_DRAG], p[k.P_BRAKE_DRAG_HOT] = s["brake_drag.force"], s["brake_drag.after_braking"]
     p[k.P_BRAKE_COOLING] = 1.0 / s["brake_drag.decay"]
     p[k.P_BRAKE_LIMIT] = 0.9 * mass * car.gravity  # dry road
+    p[k.P_TRACTION] = 0.9 * 0.6 * mass * car.gravity  # on the driven axle, load shift counted
     p[k.P_SLIP_COMPLIANCE] = s["wheel_slip.factor"] / (30.0 * 0.55 * car.mass * car.gravity)
     p[k.P_SLIP_RELAXATION] = 20.0  # relaxation length over speed, some tens of ms
 
