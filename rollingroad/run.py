@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,21 +11,11 @@ from numpy.typing import NDArray
 from controller.advice import Advice, RoadAhead
 from observer.efficiency_map import EfficiencyMap
 from observer.estimate import Estimate
+from observer.fit_form import Fit
 from sensors.log import SensorLog
 from vehicle_model.car.parameters import Car
 from vehicle_model.car.route import Route
 from vehicle_model.car.trip import Trip
-
-
-class Fit(Protocol):
-    """A smooth map fitted to the found grid (seed 004, 3.4)."""
-
-    name: str
-    r2: float
-
-    def efficiency(self, engine_speed: NDArray[np.float64], torque: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Efficiency at engine speeds (rad/s) and torques (N m), which broadcast."""
-        ...
 
 
 @dataclass(frozen=True)

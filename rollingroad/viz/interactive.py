@@ -108,7 +108,7 @@ def _traces(mark: Mark, place: tuple[float, float]) -> list[dict[str, Any]]:
                 "colorscale": _stops(mark.scale), "hoverongaps": False,
                 "hovertemplate": "%{x:.0f} rpm, %{y:.0f} N m<br>" + mark.name + " %{z:.2f}<extra></extra>",
             }  # fmt: skip
-            bar = {"orientation": "h", "title": {"text": mark.name, "side": "bottom"}, "thickness": 10, "y": -0.24}
+            bar = {"orientation": "h", "title": {"text": mark.name, "side": "bottom"}, "thickness": 10, "y": -0.30}
             bar |= {"x": 0.5 * (place[0] + place[1]), "len": place[1] - place[0], "yanchor": "top"}
             faint = {**common, "z": _packed(np.where(sure, np.nan, mark.z).T), "opacity": 0.3, "showscale": False}
             return [faint, {**common, "z": _packed(np.where(sure, mark.z, np.nan).T), "colorbar": bar}]

@@ -279,8 +279,12 @@ def _write_engine_map(out: _Writer, found: EfficiencyMap, trip: Trip) -> None:
 
 
 def _blueprint(run: Run) -> rrb.Blueprint:
+    whole = rrb.TimeAxis(
+        view_range=rr.TimeRange(start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite())
+    )
+
     def curves(name: str, *paths: str) -> rrb.TimeSeriesView:
-        return rrb.TimeSeriesView(name=name, contents=[f"/{path}/**" for path in paths])
+        return rrb.TimeSeriesView(name=name, contents=[f"/{path}/**" for path in paths], axis_x=whole)
 
     def estimate(name: str, unit: str) -> rrb.TimeSeriesView:
         return curves(f"{name.replace('_', ' ')} ({unit})", f"observer/{name}")

@@ -64,26 +64,15 @@ def _comparison(run: Run) -> list[tuple[str, str, str, str]]:
     km = r["distance_m"] / 1e3
     litre = run.car.fuel.density * run.car.fuel.heating_value / 1e3
 
-    def row(name: str, a: float | None, b: float | None, digits: int, unit: str) -> tuple[str, str, str, str]:
+    def row(name: str, a: float | None, b: float | None, digits: int) -> tuple[str, str, str, str]:
         difference = None if a is None or b is None else b - a
-        return name, number(a, digits, unit), number(b, digits, unit), number(difference, digits, unit, sign=True)
+        return name, number(a, digits, ""), number(b, digits, ""), number(difference, digits, "", sign=True)
 
+    fuels, times = (base["fuel_J"], adv["fuel_J"]), (base["time_s"], adv["time_s"])
     return [
-        row(
-            "fuel, corrected to equal time and stored energy",
-            scaled(base["fuel_J"], 1e-6),
-            scaled(adv["fuel_J"], 1e-6),
-            2,
-            "MJ",
-        ),
-        row(
-            "the same per distance",
-            scaled(base["fuel_J"], 100 / litre / km),
-            scaled(adv["fuel_J"], 100 / litre / km),
-            2,
-            "l/100 km",
-        ),
-        row("trip time", base["time_s"], adv["time_s"], 1, "s"),
+        row("fuel (MJ)", *(scaled(fuel, 1e-6) for fuel in fuels), 2),
+        row("fuel (l/100 km)", *(scaled(fuel, 100 / litre / km) for fuel in fuels), 2),
+        row("trip time (s)", *times, 1),
     ]
 
 

@@ -28,7 +28,7 @@
     layout.dragmode = false;
     if (!beside) return;
     const axes = Object.keys(layout).filter((key) => key.startsWith("xaxis"));
-    const gap = 100 / (layout.height * axes.length), size = (1 - gap * (axes.length - 1)) / axes.length;
+    const gap = 130 / (layout.height * axes.length), size = (1 - gap * (axes.length - 1)) / axes.length;
     layout.height = layout.height * axes.length;
     axes.forEach((key, i) => {
       const top = 1 - i * (size + gap);
@@ -38,7 +38,7 @@
       y.showticklabels = true;
     });
     for (const { colorbar, yaxis } of data.filter((trace) => trace.colorbar)) {
-      const below = layout[yaxis.replace("y", "yaxis")].domain[0] - 46 / layout.height;
+      const below = layout[yaxis.replace("y", "yaxis")].domain[0] - 54 / layout.height;
       Object.assign(colorbar, { x: 0.5, len: 1, y: below });
     }
   }
