@@ -1,0 +1,116 @@
+"""The advisor's side of the dashboard: what it may see, what it may say; and the follower of a plan."""
+
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.advice import Advice
+
+GLIDE_HORIZON = 200.0
+"""m ahead within which a red signal or a slower leader is worth gliding to."""
+COAST = 0.45
+"""m/s2 that a car loses rolling in gear with the fuel cut: the advisor's rule of thumb."""
+
+
+@dataclass(frozen=True)
+class View:
+    """What a dashboard shows, and a driver sees. Never the truth beyond that."""
+
+    time: float
+    """s since the start."""
+    distance: float
+    """m along the navigation route."""
+    speed: float
+    """m/s, as displayed."""
+    gear: int
+    leader_gap: float
+    """m of free road to the car in front, inf where none is seen."""
+    leader_speed: float
+    """m/s, nan where none is seen."""
+    signal_distance: float
+    """m to the next signal, inf where none is in sight."""
+    signal_state: str
+    """"red", "yellow", "green" or ""."""
+    destination_distance: float
+    """m to the end of the journey."""
+
+
+@dataclass(frozen=True)
+class Suggestion:
+    """What the driver is told."""
+
+    acceleration: float
+    """m/s2 wanted; `-inf` means: foot off, let it roll in gear."""
+    gear: int
+    """0: as you like."""
+    costate: float = 0.0
+    """J per m/s: worth of speed, for the display."""
+
+
+class Advisor(Protocol):
+    """Anything that gives advice. `reset` is called at the start of each drive, `advise` at each step of 0.1 s."""
+
+    def reset(self) -> None: ...
+
+    def advise(self, view: View) -> Suggestion | None:
+        """Return advice, or None for "drive as you like"."""
+        ...
+
+
+@dataclass(frozen=True)
+class AdviceFollower:
+    """Follows the policy of a plan: (s, v) -> acceleration, gear, costate; glides to what stands in the way."""
+
+    advice: Advice
+    glide: bool = True
+    """Whether to lift off early for red signals and slower leaders in sight."""
+    begin: float = 0.0
+    """m: silent before (for a comparison that starts later)."""
+    _start: float = field(init=False, default=0.0)
+    _step: float = field(init=False, default=1.0)
+
+    def __post_init__(self) -> None:
+        s = self.advice.s
+        object.__setattr__(self, "_start", float(s[0]))
+        object.__setattr__(self, "_step", float((s[-1] - s[0]) / (len(s) - 1)))
+
+    def reset(self) -> None:
+        """Nothing to forget: the policy is fixed."""
+
+    def advise(self, view: View) -> Suggestion | None:
+        """Interpolate the policy; the gear is the nearest node's, since gears do not mix."""
+        if view.distance < self.begin:
+            return None
+        plan = self.advice
+        i = (view.distance - self._start) / self._step
+        i0 = int(min(max(i, 0.0), len(plan.s) - 2.0))
+        u = min(max(i - i0, 0.0), 1.0)
+        speeds = plan.policy_speed
+        j0 = int(np.clip(np.searchsorted(speeds, view.speed) - 1, 0, len(speeds) - 2))
+        w = float(np.clip((view.speed - speeds[j0]) / (speeds[j0 + 1] - speeds[j0]), 0.0, 1.0))
+        acceleration = _between(plan.policy_acceleration, i0, j0, u, w)
+        costate = _between(plan.policy_costate, i0, j0, u, w)
+        gear = int(plan.policy_gear[i0 + round(u), j0 + round(w)])
+        if self.glide and acceleration > -COAST and self._worth_gliding(view):
+            return Suggestion(-np.inf, view.gear, costate)
+        return Suggestion(acceleration, gear, costate)
+
+    @staticmethod
+    def _worth_gliding(view: View) -> bool:
+        v = view.speed
+        if view.signal_state in ("red", "yellow") and view.signal_distance < GLIDE_HORIZON:
+            # Roll if rolling alone would not stop short of the line (8 m/s is kept until near it).
+            rolled_out = v * v / (2.0 * COAST)
+            return rolled_out > view.signal_distance and v > 4.0
+        if view.leader_gap < GLIDE_HORIZON and view.leader_speed < v - 0.5 and v > 3.0:
+            needed = (v - view.leader_speed) ** 2 / (2.0 * COAST)
+            return needed > view.leader_gap - 1.2 * view.leader_speed
+        return False
+
+
+def _between(table: NDArray, i: int, j: int, u: float, w: float) -> float:
+    low = (1.0 - w) * table[i, j] + w * table[i, j + 1]
+    high = (1.0 - w) * table[i + 1, j] + w * table[i + 1, j + 1]
+    return float((1.0 - u) * low + u * high)

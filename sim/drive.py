@@ -1,0 +1,351 @@
+"""One drive: SUMO carries the traffic, the plant is the car, a driver sits in between; with or without advice."""
+
+import math
+import tempfile
+import time
+from collections import deque
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenarios.effects import EFFECTS
+from scenarios.schema import Scenario
+from sim.advisor import Advisor, Suggestion, View
+from sim.demand import EGO_DEPART, demand
+from sim.drivers import ADVISED_ACCELERATION, STYLES, Foot, Gearbox, Style, free_acceleration
+from sim.network import Network, build
+from sim.route import edge_starts, true_route
+from sim.traffic import EMERGENCY, PERIOD, Traffic
+from vehicle_model.car.errors import BadInput
+from vehicle_model.car.parameters import Car
+from vehicle_model.car.randomness import generator
+from vehicle_model.car.route import Route
+from vehicle_model.car.trip import Trip
+from vehicle_model.plant.session import Plant
+
+OVER_LIMIT = 3.0 / 3.6
+"""m/s above the limit that counts as a violation."""
+HARSH = 3.5
+"""m/s2 of braking that counts as harsh."""
+IDLE_BEFORE, IDLE_AFTER = 2.0, 3.0
+"""s parked with the engine running before and after the journey."""
+BEND_BRAKING = 1.5
+"""m/s2 by which he slows down for a bend or a lower limit."""
+STOP_SHORT = 1.0
+"""m before a signal's line where he stops."""
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A drive and what it took."""
+
+    trip: Trip
+    route: Route
+    vehicles: float
+    """Mean number of vehicles in the network while the ego drove."""
+    step_hashes: NDArray[np.uint64]
+    """One per step of SUMO over all vehicles: equal hashes, equal traffic."""
+    first_advice_step: int | None
+    """Step at which advice first reached the driver."""
+    advised_share: float
+    """Share of the steps in which advice, not traffic or refusal, set the wish."""
+    costate: NDArray[np.float64]
+    """Costate shown at each step (J per m/s, nan where none was)."""
+    min_time_to_collision: float
+    """s, inf where nobody was ever being caught up with."""
+    limit_violations: int
+    """Times the limit was exceeded by more than 3 km/h."""
+    harsh_braking: int
+    """Times it was braked harder than 3.5 m/s2."""
+    parked_s: float
+    """s at rest before setting out and after arriving: not part of the trip's time."""
+    arrived: bool
+    collisions: int
+    red_lights_run: int
+    simulated_s: float
+    """s that SUMO simulated."""
+    wall_s: float
+    """s that it took."""
+    notes: tuple[str, ...] = ()
+
+
+@dataclass
+class _Tally:
+    """What is counted during a drive."""
+
+    hashes: list[int] = field(default_factory=list)
+    costates: list[float] = field(default_factory=list)
+    vehicles: int = 0
+    advised: int = 0
+    first_advice: int | None = None
+    min_ttc: float = math.inf
+    over: bool = False
+    violations: int = 0
+    harsh: bool = False
+    harsh_times: int = 0
+    collisions: int = 0
+    red_run: int = 0
+
+
+def drive(
+    scenario: Scenario,
+    car: Car,
+    seed: int,
+    *,
+    advisor: Advisor | None = None,
+    network: Network | None = None,
+    perfect: bool = False,
+) -> Drive:
+    """Drive the scenario's route once in its traffic and return what happened.
+
+    `advisor` None: the baseline driver alone. `perfect`: the driver follows advice at once and exactly (the oracle's). The
+    network is built in a temporary folder unless one is given. Same scenario, car and seed: same bits; with an advisor,
+    the same bits until its first advice. One libsumo per process: call it in a process of its own to run two at once.
+    Raises BadInput (scenario), MirrorError (plant and SUMO disagree: a defect, never data).
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        if network is None:
+            network = build(scenario, Path(folder))
+        settings = _own_settings(scenario)
+        density = settings["traffic_actuation.density_factor"]
+        if density != 1.0:
+            vehicles = round(scenario.traffic.vehicles * density)
+            scenario = scenario.model_copy(
+                update={"traffic": scenario.traffic.model_copy(update={"vehicles": vehicles})}
+            )
+        style = STYLES[scenario.driver.kind]
+        route = true_route(network)
+        horizon = EGO_DEPART + 600.0 + 4.0 * float((1.0 / route.speed_limit).sum())
+        routes = Path(folder) / "demand.rou.xml"
+        routes.write_text(demand(scenario, network, seed, _ego_type(style), horizon))
+        return _run(scenario, car, seed, advisor, network, perfect, style, route, horizon, routes, settings)
+
+
+def _own_settings(scenario: Scenario) -> dict[str, float]:
+    neutral = {f"{effect.id}.{part.name}": part.neutral for effect in EFFECTS for part in effect.parameters}
+    return neutral | {key: value for key, value in scenario.effects.items() if key in neutral}
+
+
+def _ego_type(style: Style) -> str:
+    return (
+        f'<vType id="ego" length="2.5" minGap="2.0" maxSpeed="60" speedFactor="1.0" speedDev="0" lcStrategic="5" '
+        f'carFollowModel="{style.model}" accel="{style.acceleration:g}" decel="{style.deceleration:g}" '
+        f'emergencyDecel="8" tau="{style.headway:g}"/>'
+    )
+
+
+def speed_cap(route: Route, lateral_comfort: float, braking: float = BEND_BRAKING) -> NDArray[np.float64]:
+    """Speed (m/s) over `route.s` that limits and bends ahead allow, slowing down in time by `braking` (m/s2)."""
+    bend = np.sqrt(lateral_comfort / np.maximum(np.abs(route.straightness), 1e-6))
+    square = np.minimum(route.speed_limit, bend) ** 2
+    gained = 2.0 * braking * (route.s[1] - route.s[0])
+    for i in range(len(square) - 2, -1, -1):
+        square[i] = min(square[i], square[i + 1] + gained)
+    return np.sqrt(square)
+
+
+def _run(
+    scenario: Scenario,
+    car: Car,
+    seed: int,
+    advisor: Advisor | None,
+    network: Network,
+    perfect: bool,
+    style: Style,
+    route: Route,
+    horizon: float,
+    routes: Path,
+    settings: dict[str, float],
+) -> Drive:
+    began = time.perf_counter()
+    plant = Plant(car, route, scenario.effects, 0.0, 0)
+    driver = scenario.driver
+    foot = Foot(car, driver.reaction_time, driver.pedal_step, PERIOD)
+    gearbox = Gearbox(car, style, plant)
+    obedience = _Obedience(scenario, seed, settings, perfect)
+    cap = speed_cap(route, driver.lateral_comfort)
+    limit = route.speed_limit
+    destination = float(edge_starts(network)[0][-1] + network.arrival)
+    tally = _Tally()
+    if advisor is not None:
+        advisor.reset()
+    arrived_at: float | None = None
+    force = 0.0
+    with Traffic(network, routes, seed) as traffic:
+        if not traffic.begin(EGO_DEPART + 120.0):
+            raise BadInput(scenario.source or scenario.name, "traffic.vehicles", "so many that the ego finds no place")
+        departed = traffic.time
+        signal_before: tuple[float, str] = (math.inf, "")
+        while traffic.time < horizon:
+            now = plant.time
+            speed, place = plant.speed, plant.distance
+            name, gap, leader_speed = traffic.leader(60.0 + speed * (speed / 3.0 + 2.0))
+            light, state = traffic.signal()
+            index = min(int(place + 0.5), len(cap) - 1)
+            left = destination - place
+            stopping = _must_stop(state, light, speed)
+            wish = _safe_wish(traffic, style, speed, name, gap, leader_speed, light if stopping else math.inf, left)
+            wanted = free_acceleration(style, speed, float(cap[min(index + int(0.5 * speed), len(cap) - 1)]))
+            wanted = min(wanted, (float(cap[index]) - speed) / 0.5 if speed > cap[index] else math.inf)
+            advised_gear = 0
+            suggestion: Suggestion | None = None
+            if advisor is not None and now >= IDLE_BEFORE and arrived_at is None:
+                view = View(now, place, speed, plant.gear, gap, leader_speed, light, _colour(state), left)
+                suggestion = obedience.hear(advisor.advise(view))
+            if suggestion is not None:
+                if tally.first_advice is None:
+                    tally.first_advice = len(tally.hashes)
+                    traffic.release(ADVISED_ACCELERATION)
+                if speed <= cap[index]:
+                    wanted = obedience.miss(suggestion.acceleration)
+                advised_gear = suggestion.gear
+                tally.advised += wanted < wish
+            elif style.coasts_before_stop and _stop_ahead(stopping, light, left, gap, leader_speed, style):
+                wanted = min(wanted, -math.inf if _far_enough(speed, min(light, left)) else wanted)
+            wish = min(wish, wanted)
+            if now < IDLE_BEFORE:
+                wish = -1.0
+            force = foot.force(wish, plant)
+            gear = gearbox.gear(plant, force, wish, PERIOD, advised_gear)
+            plant.advance(force, gear, PERIOD)
+            traffic.step(plant.distance)
+            tally.costates.append(suggestion.costate if suggestion else math.nan)
+            _count(tally, traffic, plant, float(limit[index]), gap, leader_speed, signal_before)
+            signal_before = (light - (plant.distance - place), state)
+            if arrived_at is None and left < 8.0 and plant.speed < 0.05:
+                arrived_at = plant.time
+            if arrived_at is not None and plant.time >= arrived_at + IDLE_AFTER:
+                break
+        simulated = traffic.time
+    return Drive(
+        trip=plant.trip(),
+        route=route,
+        vehicles=tally.vehicles / max(len(tally.hashes), 1),
+        step_hashes=np.array(tally.hashes, dtype=np.uint64),
+        first_advice_step=tally.first_advice,
+        advised_share=tally.advised / max(len(tally.hashes), 1),
+        costate=np.array(tally.costates),
+        min_time_to_collision=tally.min_ttc,
+        limit_violations=tally.violations,
+        harsh_braking=tally.harsh_times,
+        parked_s=IDLE_BEFORE + (plant.time - arrived_at if arrived_at is not None else 0.0),
+        arrived=arrived_at is not None,
+        collisions=tally.collisions,
+        red_lights_run=tally.red_run,
+        simulated_s=simulated,
+        wall_s=time.perf_counter() - began,
+        notes=network.notes,
+    )
+
+
+def _must_stop(state: str, distance: float, speed: float) -> bool:
+    """Whether the signal asks to stop: red, or yellow that can be obeyed."""
+    if state in ("r", "u"):
+        return True
+    return state in ("y", "Y") and speed**2 / (2.0 * EMERGENCY) < distance
+
+
+def _colour(state: str) -> str:
+    if not state:
+        return ""
+    return "red" if state in "ru" else "yellow" if state in "yY" else "green"
+
+
+def _safe_wish(
+    traffic: Traffic, style: Style, speed: float, leader: str, gap: float, leader_speed: float, stop: float, left: float
+) -> float:
+    """The acceleration (m/s2) that SUMO's model and the junctions ahead allow at most."""
+    allowed = math.inf
+    if leader:
+        allowed = (traffic.follow_speed(speed, gap, leader, leader_speed) - speed) / PERIOD
+    if stop < math.inf:
+        allowed = min(allowed, (traffic.stop_speed(speed, stop - STOP_SHORT) - speed) / PERIOD)
+    if left < 30.0 + speed * speed / (2.0 * 1.0):
+        allowed = min(allowed, _halt(speed, left - 1.5))
+    if speed < 1.5:
+        may, gap_to_line = traffic.may_enter(8.0)
+        if not may:
+            allowed = min(allowed, _halt(speed, gap_to_line - STOP_SHORT))
+    return min(allowed, traffic.planned_acceleration())
+
+
+def _halt(speed: float, room: float) -> float:
+    """Acceleration that brings the car to rest within `room` m, gently at the end."""
+    if room <= 0.2:
+        return -1.5 if speed > 0.0 else -0.5
+    # Roll up to the place at a walking pace rather than stopping short of it.
+    target = math.sqrt(2.0 * 1.0 * room)
+    return min((target - speed) / 0.6, 1.0)
+
+
+def _stop_ahead(stopping: bool, light: float, left: float, gap: float, leader_speed: float, style: Style) -> bool:
+    """Whether a stop lies within the distance from which this driver rolls."""
+    reach = style.coasts_before_stop
+    return (stopping and light < reach) or left < reach or (gap < reach and leader_speed < 0.5)
+
+
+def _far_enough(speed: float, room: float) -> bool:
+    """Whether rolling would still carry the car to the place, at no less than a crawl."""
+    return speed > 5.0 or speed**2 > 2.0 * 0.5 * max(room, 0.0)
+
+
+def _count(
+    tally: _Tally,
+    traffic: Traffic,
+    plant: Plant,
+    limit: float,
+    gap: float,
+    leader_speed: float,
+    signal_before: tuple[float, str],
+) -> None:
+    tally.hashes.append(traffic.state_hash())
+    tally.vehicles += traffic.vehicles()
+    closing = plant.speed - leader_speed
+    if gap < math.inf and closing > 0.1:
+        tally.min_ttc = min(tally.min_ttc, (gap + 2.0) / closing)
+    over = plant.speed > limit + OVER_LIMIT
+    tally.violations += over and not tally.over
+    tally.over = over
+    harsh = plant.acceleration < -HARSH
+    tally.harsh_times += harsh and not tally.harsh
+    tally.harsh = harsh
+    tally.collisions += traffic.ego_collided()
+    distance, state = signal_before
+    tally.red_run += state in ("r", "u") and distance < -0.5 and plant.speed > 0.5
+
+
+class _Obedience:
+    """How well advice is followed: heard late, missed a little, sometimes ignored."""
+
+    def __init__(self, scenario: Scenario, seed: int, settings: dict[str, float], perfect: bool) -> None:
+        driver = scenario.driver
+        self._rng = generator(seed, "obedience")
+        delay = 0.0 if perfect else driver.advice_delay + settings["driver_lag.extra_delay"]
+        self._late: deque[Suggestion | None] = deque([None] * round(delay / PERIOD))
+        self._error = 0.0 if perfect else driver.tracking_error
+        refusal = 0.0 if perfect else max(driver.refusal, settings["driver_lag.ignored"])
+        self._gain = 1.0 if perfect else settings["driver_lag.gain"]
+        # Refusal comes in spells of 12 s on average.
+        self._end_spell = PERIOD / 12.0
+        self._begin_spell = self._end_spell * refusal / max(1.0 - refusal, 1e-9)
+        self._refusing = False
+        self._miss = 0.0
+        self._last = 0.0
+
+    def hear(self, suggestion: Suggestion | None) -> Suggestion | None:
+        """Return the suggestion that he acts upon now, None if he does as he likes."""
+        self._late.append(suggestion)
+        heard = self._late.popleft()
+        chance = self._rng.random()
+        self._refusing = chance >= self._end_spell if self._refusing else chance < self._begin_spell
+        return None if self._refusing else heard
+
+    def miss(self, acceleration: float) -> float:
+        """Return what he makes of an advised acceleration (m/s2): correlated error over 2 s."""
+        keep = math.exp(-PERIOD / 2.0)
+        self._miss = keep * self._miss + math.sqrt(1.0 - keep * keep) * self._error * self._rng.standard_normal()
+        if acceleration == -math.inf:
+            return acceleration
+        return self._gain * acceleration + self._miss
