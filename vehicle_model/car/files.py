@@ -73,7 +73,7 @@ FORM: dict[tuple[str, str], str | None] = {
     ("rollingroad/driveline", "launchRpm"): "0",
     ("rollingroad/driveline", "variable"): "no",
     ("rollingroad/driveline", "boostTime"): "-1",
-    ("rollingroad/driveline", "electricalPower"): "200",
+    ("rollingroad/driveline", "electricalPower"): "350",
     ("rollingroad/tolerances", "mass"): "0.02",
     ("rollingroad/tolerances", "rollingResistance"): "0.03",
     ("rollingroad/tolerances", "dragArea"): "0.02",

@@ -91,7 +91,7 @@ class Driveline:
     """The first and last gear are the ends of a variator's range."""
     boost_time: float = -1.0
     """s, lag of the torque that the charger gives; negative: 0.5 with a turbocharger, 0.05 without."""
-    electrical_power: float = 200.0
+    electrical_power: float = 350.0
     """W, mean electrical load."""
 
 

@@ -753,16 +753,18 @@ def choose_gear(p, x, wanted, acceleration):
     if x[X_CLUTCH] == SLIPPING and p[P_RATIO + gear] * wheel < 1.15 * p[P_IDLE]:
         return gear
     idle = p[P_IDLE]
-    if gear < gears and x[X_SINCE_SHIFT] > 1.2 and (wanted > 0.0 or p[P_RATIO + gear] * wheel > 0.9 * p[P_REDLINE]):
+    if gear < gears and p[P_RATIO + gear] * wheel > 0.97 * p[P_REDLINE]:
+        return gear + 1
+    if gear < gears and x[X_SINCE_SHIFT] > 1.2 and wanted > 0.0:
         after = p[P_RATIO + gear + 1] * wheel
         strongest, _ = wheel_force_at(p, gear + 1, p[P_RATIO + gear + 1], after)
-        if after > 1.55 * idle and wanted < 0.75 * strongest:
+        if after > 2.2 * idle and wanted + 0.9 * p[P_MASS] < strongest:
             return gear + 1
     if gear > 1:
         now = p[P_RATIO + gear] * wheel
         below = p[P_RATIO + gear - 1] * wheel
         strongest, _ = wheel_force_at(p, gear, p[P_RATIO + gear], max(now, idle))
-        if now < 1.25 * idle:
+        if now < 1.6 * idle:
             return gear - 1
         if wanted > 0.95 * strongest and below < 0.92 * p[P_REDLINE] and x[X_SINCE_SHIFT] > 0.8:
             return gear - 1

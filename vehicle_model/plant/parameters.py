@@ -105,14 +105,16 @@ def _engine(p: NDArray[np.float64], car: Car, s: dict[str, float]) -> None:
     p[k.P_INERTIA] = e.inertia
     p[k.P_IDLE], p[k.P_REDLINE] = e.idle_speed, e.redline_speed
     p[k.P_TORQUE_PER_PRESSURE] = e.displacement / (4.0 * pi)
-    # air-standard Otto cycle with gamma 1.28 (burnt mixture), of which heat loss and finite burning leave 0.865
-    p[k.P_CYCLE_EFFICIENCY] = 0.865 * (1.0 - e.compression ** (1.0 - 1.28))
+    # small cylinders have more wall per volume: heat loss and rubbing grow with the inverse of their length scale
+    size = (e.displacement / e.cylinders / 450e-6) ** (-1.0 / 3.0)
+    # air-standard Otto cycle with gamma 1.28 (burnt mixture), of which heat loss and finite burning leave 0.905 at 450 cc
+    p[k.P_CYCLE_EFFICIENCY] = (1.0 - 0.095 * size) * (1.0 - e.compression ** (1.0 - 1.28))
     # a cylinder full at manifold pressure p holds fuel for 30.6 p of heat (stoichiometric, 43 MJ/kg, filling 0.9)
     p[k.P_PRESSURE_GAIN] = 30.6 * p[k.P_CYCLE_EFFICIENCY]
     p[k.P_AMBIENT_PRESSURE] = AMBIENT_PRESSURE
     p[k.P_PUMPING_FLOOR] = (0.20 if e.turbocharged else 0.06) * BAR
     p[k.P_CLOSED_PRESSURE] = 0.25 * BAR
-    p[k.P_DILUTION] = 0.20
+    p[k.P_DILUTION] = 0.35
     p[k.P_KNOCK] = 1.2
     p[k.P_KNOCK_LIMIT] = max(1.10 - 0.12 * (e.compression - 9.0), 0.6)
     p[k.P_KNOCK_SLOPE] = 0.6 / e.max_power_speed
@@ -139,18 +141,19 @@ def _engine(p: NDArray[np.float64], car: Car, s: dict[str, float]) -> None:
     p[k.P_COLD_ENRICHMENT] = s["cold_start.enrichment"]
     p[k.P_CRANK_ENERGY], p[k.P_CRANK_IDLE] = s["cranking_fuel.energy"], s["cranking_fuel.idle_raise"]
     p[k.P_CRANK_RETARD], p[k.P_CRANK_TIME] = s["cranking_fuel.retard"], s["cranking_fuel.time"]
-    p[k.P_IDLE_FUEL], p[k.P_STOP_AFTER] = s["idle_fuel.factor"], s["idle_fuel.stop_after"]
+    # at standstill the spark stands late, to have torque in reserve
+    p[k.P_IDLE_FUEL], p[k.P_STOP_AFTER] = 1.15 * s["idle_fuel.factor"], s["idle_fuel.stop_after"]
 
     top = 1.15 * e.redline_speed
     p[k.P_TABLE_RATE] = (k.TABLE - 1) / top
     speed = np.linspace(0.0, top, k.TABLE)
     krpm = speed * 60.0 / (2000.0 * pi)
     # rubbing and auxiliaries, bar: Heywood's total motoring friction without its pumping part, a modern engine
-    friction = 0.60 + 0.10 * krpm + 0.035 * krpm**2
+    friction = size * (0.80 + 0.14 * krpm) + 0.033 * krpm**2
     p[k.P_FRICTION : k.P_FRICTION + k.TABLE] = friction * BAR * p[k.P_TORQUE_PER_PRESSURE]
     # slow turning loses heat to the walls, fast turning burns late
     share = speed / e.max_power_speed
-    relative = 1.0 - 0.14 * np.exp(-speed / 110.0) - 0.12 * np.maximum(share - 0.5, 0.0) ** 2 / 0.25
+    relative = 1.0 - 0.14 * size * np.exp(-speed / 110.0) - 0.12 * np.maximum(share - 0.5, 0.0) ** 2 / 0.25
     p[k.P_SPEED_EFFICIENCY : k.P_SPEED_EFFICIENCY + k.TABLE] = relative
     back = (0.35 if e.turbocharged else 0.25) * BAR * share**2
     p[k.P_BACK_PRESSURE : k.P_BACK_PRESSURE + k.TABLE] = back
