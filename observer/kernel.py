@@ -10,9 +10,11 @@ Gauss-Markov): white noise alone cannot describe fixes five times a second that 
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 NX = 20
 """17 states of the model, then the receiver's slow errors north, east and altitude."""
@@ -22,6 +24,11 @@ COLUMNS = 10
 ACCELEROMETER, WHEEL, INJECTOR, GPS, SKEW, GYROSCOPE, COMPASS_EVENT, SPEED_EVENT, FUEL, MAP, GRID = range(11)
 EVENT_CODES = 11
 
+# Constants that are passed as arguments are numpy integers: numba would compile a function again for every literal.
+# states, of which some are set anew
+X, V, HEADING, PITCH_ANGLE, NORTH, EAST, DOWN, ENERGY, POWER, ANGLE, OMEGA = np.array(
+    [0, 1, 3, 4, 5, 6, 7, 10, 11, 12, 13]
+)
 # kinds of scalar measurements: those of observer.model
 (
     DISTANCE,
@@ -48,11 +55,11 @@ EVENT_CODES = 11
     PULSE_POWER,
     SILENT_WHEELS,
     CUT_OFF,
-) = range(24)
+) = np.arange(24)
 KIND_CODES = 24
 
 # why a measurement was not simply fused
-FUSED, GATED, NOT_FINITE, REOPENED, STUCK, ANCHORED, POOR = range(7)
+FUSED, GATED, NOT_FINITE, REOPENED, STUCK, ANCHORED, POOR = np.arange(7)
 
 # places in the memory between events
 (
@@ -172,9 +179,14 @@ PARAMETERS = P_ROTATION + 9
     S_SKEW_LIMIT,
 ) = range(49)
 
+# places in Filter.counts
+RECORDS, GRID_LINES, TAPE_LINES, RECORDING, TAPING, TAPE_GRID = range(6)
+
 # the smoother's tape: one line per operation
 OP_PREDICT, OP_ROW, OP_RESET, OP_GRID = range(4)
 TAPE_ROW = NX + 10
+WORK = 64 + 42 + 4 + 11 * NX + NX * NX + 2 * NX
+"""Scratch: one row's Jacobian and gain, then the transition, the midpoint, moved rows, noise, a Cholesky factor."""
 MOVING = (0, 1, 3, 4, 5, 6, 7)
 SIGN_BAND = 0.1
 WRAP = 2.0 * math.pi
@@ -182,7 +194,37 @@ UNKNOWN_HEADING = 1.0
 """rad2: with more variance than this, a course is taken over instead of being fused."""
 
 
-@njit(cache=True)
+class Filter(NamedTuple):
+    """All that the filter reads and writes, as one argument (numba compiles long argument lists slowly)."""
+
+    x: NDArray[np.float64]
+    """(NX,), state."""
+    P: NDArray[np.float64]
+    """(NX, NX), covariance."""
+    memory: NDArray[np.float64]
+    """(MEMORY,), what else is remembered between events."""
+    car: NDArray[np.float64]
+    """(PARAMETERS,)."""
+    settings: NDArray[np.float64]
+    records: NDArray[np.float64]
+    """(m, 7): time, kind, value, innovation, its variance, NIS, reason."""
+    grid_x: NDArray[np.float64]
+    """(k, NX), estimate on the grid."""
+    grid_P: NDArray[np.float64]
+    """(k, NX), its variances."""
+    counts: NDArray[np.int64]
+    """(6,): RECORDS, GRID_LINES, TAPE_LINES and TAPE_GRID written; RECORDING, TAPING: on or off."""
+    tape: NDArray[np.float64]
+    """(l, TAPE_ROW)."""
+    tape_index: NDArray[np.int64]
+    """(l + 1, 10); the last line is scratch."""
+    tape_P: NDArray[np.float64]
+    """(g, NX, NX), covariance at the grid lines on tape."""
+    work: NDArray[np.float64]
+    """(WORK,), scratch."""
+
+
+@njit
 def acceleration(x, p, g):
     """dv/dt; fills g with its derivatives by v, F, theta, S_k."""
     v = x[1]
@@ -199,7 +241,7 @@ def acceleration(x, p, g):
     return w * (x[2] - sign * load - p[P_MASS] * p[P_GRAVITY] * st)
 
 
-@njit(cache=True)
+@njit
 def transition(x, dt, p, n, xm):
     """Fill n (7, 6) with the transition less the identity at the midpoint, xm with the state there.
 
@@ -266,7 +308,7 @@ def transition(x, dt, p, n, xm):
     xm[12] = x[12] + dt * x[13]
 
 
-@njit(cache=True)
+@njit
 def predict(x, P, dt, p, s, q, n, xm, w):
     """Move x (NX) and P (NX, NX) by dt; q (NX) is the noise to add, already integrated over dt."""
     transition(x, dt, p, n, xm)
@@ -276,7 +318,9 @@ def predict(x, P, dt, p, s, q, n, xm, w):
         if r == 2 or r == 4 or r == 5:
             n4, n5 = n[r, 4], n[r, 5]
             for j in range(NX):
-                w[r, j] = P[i, j] + n0 * P[1, j] + n1 * P[2, j] + n2 * P[4, j] + n3 * P[9, j] + n4 * P[3, j] + n5 * P[8, j]
+                w[r, j] = (
+                    P[i, j] + n0 * P[1, j] + n1 * P[2, j] + n2 * P[4, j] + n3 * P[9, j] + n4 * P[3, j] + n5 * P[8, j]
+                )
         else:
             for j in range(NX):
                 w[r, j] = P[i, j] + n0 * P[1, j] + n1 * P[2, j] + n2 * P[4, j] + n3 * P[9, j]
@@ -331,7 +375,7 @@ def predict(x, P, dt, p, s, q, n, xm, w):
     x[19] *= decay_z
 
 
-@njit(cache=True)
+@njit
 def sparse_row(kind, x, p, aux, hi, hv, g):
     """Fill hi, hv with the places and values of the measurement's Jacobian; return its value and how many there are."""
     v = x[1]
@@ -354,7 +398,12 @@ def sparse_row(kind, x, p, aux, hi, hv, g):
     if kind == GPS_NORTH or kind == GPS_EAST or kind == GPS_ALTITUDE:
         a = acceleration(x, p, g)
         way = aux * (v - 0.5 * aux * a)
-        sv, sf, st, sk = aux - 0.5 * aux * aux * g[0], -0.5 * aux * aux * g[1], -0.5 * aux * aux * g[2], -0.5 * aux * aux * g[3]
+        sv, sf, st, sk = (
+            aux - 0.5 * aux * aux * g[0],
+            -0.5 * aux * aux * g[1],
+            -0.5 * aux * aux * g[2],
+            -0.5 * aux * aux * g[3],
+        )
         cos_t, sin_t = math.cos(x[4]), math.sin(x[4])
         hi[0], hi[1], hi[2], hi[3] = 1, 2, 4, 9
         if kind == GPS_ALTITUDE:
@@ -420,13 +469,20 @@ def sparse_row(kind, x, p, aux, hi, hv, g):
     return hv[0] * x[hi[0]], 1
 
 
-@njit(cache=True)
-def fuse(kind, z, r, aux, x, P, mem, p, s, rec, out, tape, tape_index, work):
-    """One scalar measurement: gate, update, record. Returns the reason code (FUSED or REOPENED: it entered).
-
-    out: [records written, grid lines written, tape lines written, recording on, taping on].
-    """
-    hv, hi, ph, g = work[0:8], work[8:16], work[16 : 16 + NX], work[40:44]
+@njit
+def fuse(kind, z, r, aux, f):
+    """One scalar measurement: gate, update, record. Returns the reason code (FUSED or REOPENED: it entered)."""
+    x = f.x
+    P = f.P
+    mem = f.memory
+    p = f.car
+    s = f.settings
+    rec = f.records
+    out = f.counts
+    tape = f.tape
+    tape_index = f.tape_index
+    work = f.work
+    hv, ph, g = work[0:8], work[16 : 16 + NX], work[40:44]
     index = tape_index[tape_index.shape[0] - 1]
     value, size = sparse_row(kind, x, p, aux, index, hv, g)
     nu = z - value
@@ -469,8 +525,8 @@ def fuse(kind, z, r, aux, x, P, mem, p, s, rec, out, tape, tape_index, work):
             c = ph[i] * inverse
             for j in range(NX):
                 P[i, j] -= c * ph[j]
-        if out[4] > 0:
-            m = out[2]
+        if out[TAPING] > 0:
+            m = out[TAPE_LINES]
             tape_index[m, 0] = OP_ROW
             tape_index[m, 1] = size
             for k in range(size):
@@ -480,9 +536,9 @@ def fuse(kind, z, r, aux, x, P, mem, p, s, rec, out, tape, tape_index, work):
                 tape[m, i] = ph[i] * inverse
             tape[m, NX + 8] = nu
             tape[m, NX + 9] = inverse
-            out[2] = m + 1
-    if out[3] > 0:
-        m = out[0]
+            out[TAPE_LINES] = m + 1
+    if out[RECORDING] > 0:
+        m = out[RECORDS]
         rec[m, 0] = mem[M_TIME]
         rec[m, 1] = kind
         rec[m, 2] = z
@@ -490,30 +546,37 @@ def fuse(kind, z, r, aux, x, P, mem, p, s, rec, out, tape, tape_index, work):
         rec[m, 4] = S
         rec[m, 5] = nis
         rec[m, 6] = reason
-        out[0] = m + 1
+        out[RECORDS] = m + 1
     return reason
 
 
-@njit(cache=True)
-def reset(i, value, variance, x, P, out, tape_index):
+@njit
+def reset(i, value, variance, f):
     """Forget the state i: set it to `value` with `variance`, uncorrelated with everything else."""
+    x = f.x
+    P = f.P
+    out = f.counts
+    tape_index = f.tape_index
     x[i] = value
     for j in range(NX):
         P[i, j] = 0.0
         P[j, i] = 0.0
     P[i, i] = variance
-    if out[4] > 0:
-        m = out[2]
+    if out[TAPING] > 0:
+        m = out[TAPE_LINES]
         tape_index[m, 0] = OP_RESET
         tape_index[m, 1] = i
-        out[2] = m + 1
+        out[TAPE_LINES] = m + 1
 
 
-@njit(cache=True)
-def note(kind, z, reason, mem, rec, out):
+@njit
+def note(kind, z, reason, f):
     """Record a measurement that never reached the filter."""
-    if out[3] > 0:
-        m = out[0]
+    mem = f.memory
+    rec = f.records
+    out = f.counts
+    if out[RECORDING] > 0:
+        m = out[RECORDS]
         rec[m, 0] = mem[M_TIME]
         rec[m, 1] = kind
         rec[m, 2] = z
@@ -521,7 +584,7 @@ def note(kind, z, reason, mem, rec, out):
         rec[m, 4] = math.nan
         rec[m, 5] = math.nan
         rec[m, 6] = reason
-        out[0] = m + 1
+        out[RECORDS] = m + 1
 
 
 @njit(cache=True)
@@ -554,7 +617,7 @@ def initial_variance(i, s):
     return 1e-6
 
 
-@njit(cache=True)
+@njit
 def sound(P, work):
     """Tell whether P is finite and positive definite (Cholesky on a copy of its scaled form)."""
     for i in range(NX):
@@ -579,368 +642,460 @@ def sound(P, work):
     return True
 
 
-@njit(cache=True)
-def advance(
-    events, first, last, x, P, mem, p, s, rec, grid_x, grid_P, out, tape, tape_index, tape_P, work
-):
-    """Run the filter over events[first:last] (rows of COLUMNS, sorted by time). All state lives in x, P, mem.
+@njit
+def move(t, f):
+    """Predict to the time `t`, with the process noise of the moment."""
+    x, P, mem, s, out, tape, tape_index = f.x, f.P, f.memory, f.settings, f.counts, f.tape, f.tape_index
+    dt = t - mem[M_TIME]
+    if not dt > 0.0:
+        return
+    n, xm = f.work[64:106].reshape(7, 6), f.work[106 : 106 + NX + 4]
+    w = f.work[110 + NX : 110 + 10 * NX].reshape(9, NX)
+    q = f.work[110 + 10 * NX : 110 + 11 * NX]
+    speed = abs(x[1])
+    cut = mem[M_CUT] > 0.0
+    silent = mem[M_SILENT] > 0.0
+    q[0] = s[S_Q_DISTANCE] * dt
+    q[1] = s[S_Q_SPEED] * dt
+    arriving = mem[M_RESERVOIR] * (1.0 - math.exp(-dt / s[S_THRUST_SETTLING]))
+    mem[M_RESERVOIR] -= arriving
+    q[2] = s[S_Q_THRUST] * dt + arriving
+    if cut or silent:
+        q[2] += s[S_Q_THRUST_CUT] * dt
+    q[3] = s[S_Q_HEADING] * dt
+    q[4] = s[S_Q_PITCH] * dt
+    if silent:
+        q[3] = 0.0
+        q[4] = 0.0
+    q[5] = s[S_Q_POSITION] * dt
+    q[6] = q[5]
+    q[7] = s[S_Q_DOWN] * dt
+    q[8] = s[S_Q_STRAIGHT] * speed * dt
+    q[9] = s[S_Q_VERTICAL] * speed * dt
+    q[10] = s[S_Q_ENERGY] * dt
+    q[11] = 0.0 if cut else s[S_Q_POWER] * dt
+    q[12] = s[S_Q_ANGLE] * dt
+    q[13] = (s[S_Q_OMEGA_CUT] if cut else s[S_Q_OMEGA]) * dt
+    if P[13, 13] > 4e4:
+        q[13] = 0.0
+    q[14] = s[S_Q_BIAS] * dt
+    q[15] = q[14]
+    q[16] = q[14]
+    q[17] = 2.0 * s[S_DRIFT] * s[S_DRIFT] / s[S_DRIFT_TIME] * dt
+    q[18] = q[17]
+    q[19] = 2.0 * s[S_DRIFT_Z] * s[S_DRIFT_Z] / s[S_DRIFT_Z_TIME] * dt
+    if out[TAPING] > 0:
+        m = out[TAPE_LINES]
+        tape_index[m, 0] = OP_PREDICT
+        for i in range(NX):
+            tape[m, i] = x[i]
+        tape[m, NX + 8] = dt
+        out[TAPE_LINES] = m + 1
+    predict(x, P, dt, f.car, s, q, n, xm, w)
+    mem[M_TIME] = t
 
-    rec (m, 7), grid_x (k, NX), grid_P (k, NX) receive records and the 10 Hz estimate; out counts what was written.
-    Taping (out[4]) writes one line per operation into tape and tape_index and P at grid lines into tape_P.
-    """
-    n = np.empty((7, 6))
-    xm = np.empty(NX + 4)
-    w = np.empty((9, NX))
-    q = np.empty(NX)
-    chol = np.empty((NX, NX))
-    for e in range(first, last):
-        t = events[e, 0]
-        code = int(events[e, 1])
-        mem[M_EVENTS] += 1.0
-        dt = t - mem[M_TIME]
-        if dt > 0.0:
-            speed = abs(x[1])
-            cut = mem[M_CUT] > 0.0
-            silent = mem[M_SILENT] > 0.0
-            q[0] = s[S_Q_DISTANCE] * dt
-            q[1] = s[S_Q_SPEED] * dt
-            arriving = mem[M_RESERVOIR] * (1.0 - math.exp(-dt / s[S_THRUST_SETTLING]))
-            mem[M_RESERVOIR] -= arriving
-            q[2] = s[S_Q_THRUST] * dt + arriving
-            if cut or silent:
-                q[2] += s[S_Q_THRUST_CUT] * dt
-            q[3] = s[S_Q_HEADING] * dt
-            q[4] = s[S_Q_PITCH] * dt
-            if silent:
-                q[3] = 0.0
-                q[4] = 0.0
-            q[5] = s[S_Q_POSITION] * dt
-            q[6] = q[5]
-            q[7] = s[S_Q_DOWN] * dt
-            q[8] = s[S_Q_STRAIGHT] * speed * dt
-            q[9] = s[S_Q_VERTICAL] * speed * dt
-            q[10] = s[S_Q_ENERGY] * dt
-            q[11] = 0.0 if cut else s[S_Q_POWER] * dt
-            q[12] = s[S_Q_ANGLE] * dt
-            q[13] = (s[S_Q_OMEGA_CUT] if cut else s[S_Q_OMEGA]) * dt
-            if P[13, 13] > 4e4:
-                q[13] = 0.0
-            q[14] = s[S_Q_BIAS] * dt
-            q[15] = q[14]
-            q[16] = q[14]
-            q[17] = 2.0 * s[S_DRIFT] * s[S_DRIFT] / s[S_DRIFT_TIME] * dt
-            q[18] = q[17]
-            q[19] = 2.0 * s[S_DRIFT_Z] * s[S_DRIFT_Z] / s[S_DRIFT_Z_TIME] * dt
-            if out[4] > 0:
-                m = out[2]
-                tape_index[m, 0] = OP_PREDICT
-                for i in range(NX):
-                    tape[m, i] = x[i]
-                tape[m, NX + 8] = dt
-                out[2] = m + 1
-            predict(x, P, dt, p, s, q, n, xm, w)
-            mem[M_TIME] = t
 
-        if code == ACCELEROMETER:
-            ax, ay, az = events[e, 2], events[e, 3], events[e, 4]
-            if ax == mem[M_ACC_X] and ay == mem[M_ACC_Y] and az == mem[M_ACC_Z]:
-                mem[M_ACC_SAME] += 1.0
-            else:
-                mem[M_ACC_SAME] = 0.0
-            mem[M_ACC_X], mem[M_ACC_Y], mem[M_ACC_Z] = ax, ay, az
-            r = P_ROTATION
-            bx = p[r] * ax + p[r + 1] * ay + p[r + 2] * az
-            by = p[r + 3] * ax + p[r + 4] * ay + p[r + 5] * az
-            bz = p[r + 6] * ax + p[r + 7] * ay + p[r + 8] * az
-            if mem[M_ACC_SAME] >= 20.0:
-                note(ACCELERATION_X, bx, STUCK, mem, rec, out)
-                note(ACCELERATION_Y, by, STUCK, mem, rec, out)
-                note(ACCELERATION_Z, bz, STUCK, mem, rec, out)
-                continue
-            speed = abs(x[1])
-            plane = s[S_ACC] + s[S_ACC_SLOPE] * speed
-            vertical = s[S_ACC_Z] + s[S_ACC_Z_SLOPE] * speed
-            fuse(ACCELERATION_X, bx, plane * plane, 0.0, x, P, mem, p, s, rec, out, tape, tape_index, work)
-            fuse(ACCELERATION_Y, by, plane * plane, 0.0, x, P, mem, p, s, rec, out, tape, tape_index, work)
-            fuse(ACCELERATION_Z, bz, vertical * vertical, 0.0, x, P, mem, p, s, rec, out, tape, tape_index, work)
+@njit
+def on_accelerometer(event, f):
+    """Specific force in the sensor's axes, m/s2."""
+    x = f.x
+    mem = f.memory
+    p = f.car
+    s = f.settings
+    ax, ay, az = event[2], event[3], event[4]
+    if ax == mem[M_ACC_X] and ay == mem[M_ACC_Y] and az == mem[M_ACC_Z]:
+        mem[M_ACC_SAME] += 1.0
+    else:
+        mem[M_ACC_SAME] = 0.0
+    mem[M_ACC_X], mem[M_ACC_Y], mem[M_ACC_Z] = ax, ay, az
+    r = P_ROTATION
+    bx = p[r] * ax + p[r + 1] * ay + p[r + 2] * az
+    by = p[r + 3] * ax + p[r + 4] * ay + p[r + 5] * az
+    bz = p[r + 6] * ax + p[r + 7] * ay + p[r + 8] * az
+    if mem[M_ACC_SAME] >= 20.0:
+        note(ACCELERATION_X, bx, STUCK, f)
+        note(ACCELERATION_Y, by, STUCK, f)
+        note(ACCELERATION_Z, bz, STUCK, f)
+        return
+    speed = abs(x[1])
+    plane = s[S_ACC] + s[S_ACC_SLOPE] * speed
+    vertical = s[S_ACC_Z] + s[S_ACC_Z_SLOPE] * speed
+    fuse(ACCELERATION_X, bx, plane * plane, 0.0, f)
+    fuse(ACCELERATION_Y, by, plane * plane, 0.0, f)
+    fuse(ACCELERATION_Z, bz, vertical * vertical, 0.0, f)
 
-        elif code == WHEEL:
-            gap = t - mem[M_TICK_TIME]
-            mem[M_TICKS] += 1.0
-            clock = s[S_TICK_CLOCK] * x[1]
-            r_tick = s[S_TOOTH] * s[S_TOOTH] + clock * clock / 12.0
-            anchored = mem[M_TICK_ANCHORED] > 0.0 and gap <= s[S_TICK_SILENCE]
-            if anchored:
-                mem[M_TICK_COUNT] += 1.0
-                z = mem[M_TICK_ZERO] + mem[M_TICK_COUNT] * p[P_TICK]
-                mem[M_SINCE + DISTANCE] = math.nan
-                reason = fuse(DISTANCE, z, r_tick, 0.0, x, P, mem, p, s, rec, out, tape, tape_index, work)
-                if reason != FUSED:
-                    anchored = False
-                    mem[M_TICK_BAD] += 1.0
-                    if mem[M_TICK_BAD] >= 3.0 and gap > 0.0:
-                        # the pulses agree with each other and not with the filter: believe them
-                        told = p[P_TICK] / gap
-                        reset(1, told, (0.2 * told) ** 2 + 0.01, x, P, out, tape_index)
-                        P[2, 2] += 1e6
-                        mem[M_TICK_BAD] = 0.0
-                else:
-                    mem[M_TICK_BAD] = 0.0
-            else:
-                note(DISTANCE, math.nan, ANCHORED, mem, rec, out)
-                if mem[M_SILENT] > 0.0 or math.isnan(mem[M_TICK_TIME]):
-                    # pulses come again: the car is at least as fast as the pick-up can see
-                    v = s[S_SILENT_SPEED]
-                    if x[1] < v:
-                        fuse(SILENT_WHEELS, 1.1 * v, 0.3 * v * v, 0.0, x, P, mem, p, s, rec, out, tape, tape_index, work)
-            if not anchored:
-                mem[M_TICK_ZERO] = x[0]
-                mem[M_TICK_COUNT] = 0.0
-                mem[M_TICK_ANCHORED] = 1.0
-                reset(0, x[0], r_tick, x, P, out, tape_index)
-            mem[M_TICK_TIME] = t
-            mem[M_SILENT] = 0.0
 
-        elif code == INJECTOR:
-            gap = t - mem[M_PULSE_TIME]
-            opening = events[e, 2] + p[P_PULSE_LAG]
-            saturated = events[e, 3] > 0.0
-            if not (opening > 0.0 and opening < 0.1):
-                note(INJECTED_ENERGY, opening, POOR, mem, rec, out)
-                continue
-            energy = p[P_PULSE_POWER] * opening
-            omega = max(abs(x[13]), 30.0)
-            timing = s[S_PULSE_CLOCK] * s[S_PULSE_CLOCK] / 12.0
-            r_angle = omega * omega * timing + 1e-5
-            power = abs(x[11])
-            r_energy = power * power * timing + 1.0
-            resumed = not (gap <= s[S_CUT_GAP])
-            anchored = mem[M_ANGLE_ANCHORED] > 0.0 and not resumed
-            if resumed:
-                note(ENGINE_ANGLE, math.nan, ANCHORED, mem, rec, out)
-                # the engine's speed and fuel are unknown after silence
-                reset(13, x[13], 1e4, x, P, out, tape_index)
-                reset(11, energy / p[P_PULSE_ANGLE] * omega, 1e8, x, P, out, tape_index)
+@njit
+def on_wheel(event, t, f):
+    """One pulse of the wheel: a distance since the anchor, or a new anchor."""
+    x = f.x
+    P = f.P
+    mem = f.memory
+    p = f.car
+    s = f.settings
+    gap = t - mem[M_TICK_TIME]
+    mem[M_TICKS] += 1.0
+    clock = s[S_TICK_CLOCK] * x[1]
+    r_tick = s[S_TOOTH] * s[S_TOOTH] + clock * clock / 12.0
+    anchored = mem[M_TICK_ANCHORED] > 0.0 and gap <= s[S_TICK_SILENCE]
+    if anchored:
+        mem[M_TICK_COUNT] += 1.0
+        z = mem[M_TICK_ZERO] + mem[M_TICK_COUNT] * p[P_TICK]
+        mem[M_SINCE + DISTANCE] = math.nan
+        reason = fuse(DISTANCE, z, r_tick, 0.0, f)
+        if reason != FUSED:
+            anchored = False
+            mem[M_TICK_BAD] += 1.0
+            if mem[M_TICK_BAD] >= 3.0 and gap > 0.0:
+                # the pulses agree with each other and not with the filter: believe them
+                told = p[P_TICK] / gap
+                reset(V, told, (0.2 * told) ** 2 + 0.01, f)
+                P[2, 2] += 1e6
+                mem[M_TICK_BAD] = 0.0
+        else:
+            mem[M_TICK_BAD] = 0.0
+    else:
+        note(DISTANCE, math.nan, ANCHORED, f)
+        if mem[M_SILENT] > 0.0 or math.isnan(mem[M_TICK_TIME]):
+            # pulses come again: the car is at least as fast as the pick-up can see
+            v = s[S_SILENT_SPEED]
+            if x[1] < v:
+                fuse(SILENT_WHEELS, 1.1 * v, 0.3 * v * v, 0.0, f)
+    if not anchored:
+        mem[M_TICK_ZERO] = x[0]
+        mem[M_TICK_COUNT] = 0.0
+        mem[M_TICK_ANCHORED] = 1.0
+        reset(X, x[0], r_tick, f)
+    mem[M_TICK_TIME] = t
+    mem[M_SILENT] = 0.0
+
+
+@njit
+def on_injector(event, t, f):
+    """One injector pulse: engine angle, fuel of the interval that ends, power of the one that begins."""
+    x = f.x
+    P = f.P
+    mem = f.memory
+    p = f.car
+    s = f.settings
+    gap = t - mem[M_PULSE_TIME]
+    opening = event[2] + p[P_PULSE_LAG]
+    saturated = event[3] > 0.0
+    if not (opening > 0.0 and opening < 0.1):
+        note(INJECTED_ENERGY, opening, POOR, f)
+        return
+    energy = p[P_PULSE_POWER] * opening
+    omega = max(abs(x[13]), 30.0)
+    timing = s[S_PULSE_CLOCK] * s[S_PULSE_CLOCK] / 12.0
+    r_angle = omega * omega * timing + 1e-5
+    power = abs(x[11])
+    r_energy = power * power * timing + 1.0
+    resumed = not (gap <= s[S_CUT_GAP])
+    anchored = mem[M_ANGLE_ANCHORED] > 0.0 and not resumed
+    if resumed:
+        note(ENGINE_ANGLE, math.nan, ANCHORED, f)
+        # the engine's speed and fuel are unknown after silence
+        reset(OMEGA, x[13], 1e4, f)
+        reset(POWER, energy / p[P_PULSE_ANGLE] * omega, 1e8, f)
+        mem[M_ENERGY_ANCHORED] = 0.0
+    else:
+        if anchored:
+            mem[M_ANGLE_COUNT] += 1.0
+            z = mem[M_ANGLE_ZERO] + mem[M_ANGLE_COUNT] * p[P_PULSE_ANGLE]
+            mem[M_SINCE + ENGINE_ANGLE] = math.nan
+            reason = fuse(ENGINE_ANGLE, z, r_angle, 0.0, f)
+            if reason != FUSED:
+                anchored = False
+                reset(OMEGA, p[P_PULSE_ANGLE] / max(gap, 0.01), 400.0, f)
                 mem[M_ENERGY_ANCHORED] = 0.0
-            else:
-                if anchored:
-                    mem[M_ANGLE_COUNT] += 1.0
-                    z = mem[M_ANGLE_ZERO] + mem[M_ANGLE_COUNT] * p[P_PULSE_ANGLE]
-                    mem[M_SINCE + ENGINE_ANGLE] = math.nan
-                    reason = fuse(ENGINE_ANGLE, z, r_angle, 0.0, x, P, mem, p, s, rec, out, tape, tape_index, work)
-                    if reason != FUSED:
-                        anchored = False
-                        reset(13, p[P_PULSE_ANGLE] / max(gap, 0.01), 400.0, x, P, out, tape_index)
-                        mem[M_ENERGY_ANCHORED] = 0.0
-                if mem[M_ENERGY_ANCHORED] > 0.0 and mem[M_PULSE_SATURATED] == 0.0:
-                    # the fuel of the pulse before was burnt in the interval that ends now
-                    before = mem[M_PULSE_ENERGY]
-                    mem[M_ENERGY_SUM] += before
-                    P[10, 10] += (s[S_PULSE] * before) ** 2
-                    z = mem[M_ENERGY_ZERO] + mem[M_ENERGY_SUM]
-                    mem[M_SINCE + INJECTED_ENERGY] = math.nan
-                    reason = fuse(INJECTED_ENERGY, z, r_energy, 0.0, x, P, mem, p, s, rec, out, tape, tape_index, work)
-                    if reason != FUSED:
-                        mem[M_ENERGY_ANCHORED] = 0.0
-                else:
-                    mem[M_ENERGY_ANCHORED] = 0.0
-            if not anchored:
-                mem[M_ANGLE_ZERO] = x[12]
-                mem[M_ANGLE_COUNT] = 0.0
-                mem[M_ANGLE_ANCHORED] = 1.0
-                reset(12, x[12], r_angle, x, P, out, tape_index)
-            if mem[M_ENERGY_ANCHORED] == 0.0:
-                mem[M_ENERGY_ZERO] = x[10]
-                mem[M_ENERGY_SUM] = 0.0
-                mem[M_ENERGY_ANCHORED] = 1.0
-                reset(10, x[10], r_energy, x, P, out, tape_index)
-            # what this pulse foretells of the interval that it opens
-            told = energy / p[P_PULSE_ANGLE] * max(x[13], 30.0)
-            change = told - mem[M_PULSE_POWER]
-            if resumed:
-                change = told
-            if not saturated:
-                thrust = s[S_THRUST_GAIN] * change / max(x[1], 3.0)
-                mem[M_RESERVOIR] += thrust * thrust
-                P[11, 11] += (told - x[11]) ** 2
-                r_power = (s[S_PULSE_POWER] * told) ** 2 + 1e4
-                fuse(PULSE_POWER, 0.0, r_power, energy / p[P_PULSE_ANGLE], x, P, mem, p, s, rec, out, tape, tape_index, work)
-                mem[M_PULSE_POWER] = told
-            mem[M_PULSE_TIME] = t
-            mem[M_PULSE_ENERGY] = energy
-            mem[M_PULSE_SATURATED] = 1.0 if saturated else 0.0
-            mem[M_CUT] = 0.0
+        if mem[M_ENERGY_ANCHORED] > 0.0 and mem[M_PULSE_SATURATED] == 0.0:
+            # the fuel of the pulse before was burnt in the interval that ends now
+            before = mem[M_PULSE_ENERGY]
+            mem[M_ENERGY_SUM] += before
+            P[10, 10] += (s[S_PULSE] * before) ** 2
+            z = mem[M_ENERGY_ZERO] + mem[M_ENERGY_SUM]
+            mem[M_SINCE + INJECTED_ENERGY] = math.nan
+            reason = fuse(INJECTED_ENERGY, z, r_energy, 0.0, f)
+            if reason != FUSED:
+                mem[M_ENERGY_ANCHORED] = 0.0
+        else:
+            mem[M_ENERGY_ANCHORED] = 0.0
+    if not anchored:
+        mem[M_ANGLE_ZERO] = x[12]
+        mem[M_ANGLE_COUNT] = 0.0
+        mem[M_ANGLE_ANCHORED] = 1.0
+        reset(ANGLE, x[12], r_angle, f)
+    if mem[M_ENERGY_ANCHORED] == 0.0:
+        mem[M_ENERGY_ZERO] = x[10]
+        mem[M_ENERGY_SUM] = 0.0
+        mem[M_ENERGY_ANCHORED] = 1.0
+        reset(ENERGY, x[10], r_energy, f)
+    # what this pulse foretells of the interval that it opens
+    told = energy / p[P_PULSE_ANGLE] * max(x[13], 30.0)
+    change = told - mem[M_PULSE_POWER]
+    if resumed:
+        change = told
+    if not saturated:
+        thrust = s[S_THRUST_GAIN] * change / max(x[1], 3.0)
+        mem[M_RESERVOIR] += thrust * thrust
+        P[11, 11] += (told - x[11]) ** 2
+        r_power = (s[S_PULSE_POWER] * told) ** 2 + 1e4
+        fuse(PULSE_POWER, 0.0, r_power, energy / p[P_PULSE_ANGLE], f)
+        mem[M_PULSE_POWER] = told
+    mem[M_PULSE_TIME] = t
+    mem[M_PULSE_ENERGY] = energy
+    mem[M_PULSE_SATURATED] = 1.0 if saturated else 0.0
+    mem[M_CUT] = 0.0
 
-        elif code == SKEW:
-            gained = events[e, 2]
-            if abs(gained) < 1.0:
-                mem[M_GAINED] += gained
 
-        elif code == GPS:
-            utc, lat, lon, alt = events[e, 2], events[e, 3], events[e, 4], events[e, 5]
-            hdop, quality, told_speed, course = events[e, 6], events[e, 7], events[e, 8], events[e, 9]
-            usable = math.isfinite(lat) and math.isfinite(lon) and math.isfinite(utc) and quality > 0.0
-            usable = usable and abs(lat) <= 90.0 and abs(lon) <= 180.0 and not (lat == 0.0 and lon == 0.0)
-            if not usable:
-                note(GPS_NORTH, lat, POOR, mem, rec, out)
-                note(GPS_EAST, lon, POOR, mem, rec, out)
-                continue
-            # the logger's time of UTC 0, from the earliest arrival seen
-            clock = t - utc - mem[M_GAINED]
-            if mem[M_CLOCK_SET] == 0.0 or clock < mem[M_CLOCK] or clock > mem[M_CLOCK] + 5.0:
-                mem[M_CLOCK] = clock
-                mem[M_CLOCK_SET] = 1.0
-            lag = clock - mem[M_CLOCK] + s[S_GPS_ARRIVAL] + s[S_GPS_LAG]
-            if mem[M_ORIGIN_SET] == 0.0:
-                phi = math.radians(lat)
-                a, f = 6378137.0, 1.0 / 298.257223563
-                e2 = f * (2.0 - f)
-                root = math.sqrt(1.0 - e2 * math.sin(phi) ** 2)
-                mem[M_LATITUDE], mem[M_LONGITUDE], mem[M_ALTITUDE] = lat, lon, alt
-                mem[M_NORTH_SCALE] = math.radians(1.0) * a * (1.0 - e2) / root**3
-                mem[M_EAST_SCALE] = math.radians(1.0) * a / root * math.cos(phi)
-                mem[M_ORIGIN_SET] = 1.0
-                reset(5, 0.0, 25.0, x, P, out, tape_index)
-                reset(6, 0.0, 25.0, x, P, out, tape_index)
-                if math.isfinite(alt):
-                    reset(7, -alt, 100.0, x, P, out, tape_index)
-            if lat == mem[M_FIX_LATITUDE] and lon == mem[M_FIX_LONGITUDE]:
-                if mem[M_TICKS] - mem[M_FIX_TICKS] >= 2.0:
-                    mem[M_FIX_SAME] += 1.0
-            else:
-                mem[M_FIX_SAME] = 0.0
-            mem[M_FIX_LATITUDE], mem[M_FIX_LONGITUDE], mem[M_FIX_TICKS] = lat, lon, mem[M_TICKS]
-            north = (lat - mem[M_LATITUDE]) * mem[M_NORTH_SCALE]
-            east = (lon - mem[M_LONGITUDE]) * mem[M_EAST_SCALE]
-            if mem[M_FIX_SAME] >= 2.0:
-                note(GPS_NORTH, north, STUCK, mem, rec, out)
-                note(GPS_EAST, east, STUCK, mem, rec, out)
-                continue
-            dilution = max(hdop, 1.0) if math.isfinite(hdop) else 2.0
-            moving = x[1] > 2.0 and P[1, 1] < 1.0
-            # a heading that nobody knows is taken over, from the course or from the way since an earlier fix
-            if moving and mem[M_HEADING_SET] == 0.0:
-                step_n, step_e = north - mem[M_FIX_NORTH], east - mem[M_FIX_EAST]
-                way = math.hypot(step_n, step_e)
-                if math.isfinite(course):
-                    reset(3, course + lag * x[8] * x[1], (s[S_GPS_COURSE] / x[1]) ** 2 + 0.01, x, P, out, tape_index)
-                    mem[M_HEADING_SET] = 1.0
-                elif math.isnan(way):
-                    mem[M_FIX_NORTH], mem[M_FIX_EAST] = north, east
-                elif way > 10.0:
-                    reset(3, math.atan2(step_e, step_n), 0.04, x, P, out, tape_index)
-                    mem[M_HEADING_SET] = 1.0
-            r = (s[S_GPS] * dilution) ** 2
-            if mem[M_HEADING_SET] > 0.0 or not moving:
-                a1 = fuse(GPS_NORTH, north, r, lag, x, P, mem, p, s, rec, out, tape, tape_index, work)
-                a2 = fuse(GPS_EAST, east, r, lag, x, P, mem, p, s, rec, out, tape, tape_index, work)
-                if a1 == REOPENED or a2 == REOPENED:
-                    # the receiver may have jumped, or we are lost: let both move
-                    for k in (5, 6, 17, 18):
-                        P[k, k] += 100.0
-            if math.isfinite(alt):
-                r = (s[S_GPS_Z] * dilution) ** 2
-                fuse(GPS_ALTITUDE, alt, r, lag, x, P, mem, p, s, rec, out, tape, tape_index, work)
-            if math.isfinite(told_speed):
-                r = s[S_GPS_SPEED] ** 2
-                fuse(GPS_SPEED, told_speed, r, lag, x, P, mem, p, s, rec, out, tape, tape_index, work)
-                if moving and told_speed > 3.0 and mem[M_HEADING_SET] > 0.0 and math.isfinite(course):
-                    r = (s[S_GPS_COURSE] / told_speed) ** 2
-                    reason = fuse(GPS_COURSE, course, r, lag, x, P, mem, p, s, rec, out, tape, tape_index, work)
-                    if reason == REOPENED:
-                        reset(3, course + lag * x[8] * x[1], r + 0.01, x, P, out, tape_index)
+@njit
+def on_skew(event, f):
+    """What the logger's clock gained on GPS time, s."""
+    mem = f.memory
+    gained = event[2]
+    if abs(gained) < 1.0:
+        mem[M_GAINED] += gained
 
-        elif code == MAP:
-            if math.isfinite(events[e, 2]):
-                fuse(MAP_HEADING, events[e, 2], events[e, 3] ** 2, 0.0, x, P, mem, p, s, rec, out, tape, tape_index, work)
-            if math.isfinite(events[e, 4]):
-                fuse(MAP_ALTITUDE, events[e, 4], events[e, 5] ** 2, 0.0, x, P, mem, p, s, rec, out, tape, tape_index, work)
-            if math.isfinite(events[e, 6]):
-                fuse(MAP_STRAIGHTNESS, events[e, 6], events[e, 7] ** 2, 0.0, x, P, mem, p, s, rec, out, tape, tape_index, work)
 
-        elif code == GYROSCOPE:
-            r = s[S_GYRO] ** 2
-            fuse(YAW_RATE, events[e, 4], r, 0.0, x, P, mem, p, s, rec, out, tape, tape_index, work)
-            fuse(PITCH_RATE, events[e, 3], r, 0.0, x, P, mem, p, s, rec, out, tape, tape_index, work)
+@njit
+def on_gps(event, t, f):
+    """One satellite fix, late by its way to the logger and the receiver's own filter."""
+    x = f.x
+    P = f.P
+    mem = f.memory
+    s = f.settings
+    utc, lat, lon, alt = event[2], event[3], event[4], event[5]
+    hdop, quality, told_speed, course = event[6], event[7], event[8], event[9]
+    usable = math.isfinite(lat) and math.isfinite(lon) and math.isfinite(utc) and quality > 0.0
+    usable = usable and abs(lat) <= 90.0 and abs(lon) <= 180.0 and not (lat == 0.0 and lon == 0.0)
+    if not usable:
+        note(GPS_NORTH, lat, POOR, f)
+        note(GPS_EAST, lon, POOR, f)
+        return
+    # the logger's time of UTC 0, from the earliest arrival seen
+    clock = t - utc - mem[M_GAINED]
+    if mem[M_CLOCK_SET] == 0.0 or clock < mem[M_CLOCK] or clock > mem[M_CLOCK] + 5.0:
+        mem[M_CLOCK] = clock
+        mem[M_CLOCK_SET] = 1.0
+    lag = clock - mem[M_CLOCK] + s[S_GPS_ARRIVAL] + s[S_GPS_LAG]
+    if mem[M_ORIGIN_SET] == 0.0:
+        phi = math.radians(lat)
+        axis, flattening = 6378137.0, 1.0 / 298.257223563
+        e2 = flattening * (2.0 - flattening)
+        root = math.sqrt(1.0 - e2 * math.sin(phi) ** 2)
+        mem[M_LATITUDE], mem[M_LONGITUDE], mem[M_ALTITUDE] = lat, lon, alt
+        mem[M_NORTH_SCALE] = math.radians(1.0) * axis * (1.0 - e2) / root**3
+        mem[M_EAST_SCALE] = math.radians(1.0) * axis / root * math.cos(phi)
+        mem[M_ORIGIN_SET] = 1.0
+        reset(NORTH, 0.0, 25.0, f)
+        reset(EAST, 0.0, 25.0, f)
+        if math.isfinite(alt):
+            reset(DOWN, -alt, 100.0, f)
+    if lat == mem[M_FIX_LATITUDE] and lon == mem[M_FIX_LONGITUDE]:
+        if mem[M_TICKS] - mem[M_FIX_TICKS] >= 2.0:
+            mem[M_FIX_SAME] += 1.0
+    else:
+        mem[M_FIX_SAME] = 0.0
+    mem[M_FIX_LATITUDE], mem[M_FIX_LONGITUDE], mem[M_FIX_TICKS] = lat, lon, mem[M_TICKS]
+    north = (lat - mem[M_LATITUDE]) * mem[M_NORTH_SCALE]
+    east = (lon - mem[M_LONGITUDE]) * mem[M_EAST_SCALE]
+    if mem[M_FIX_SAME] >= 2.0:
+        note(GPS_NORTH, north, STUCK, f)
+        note(GPS_EAST, east, STUCK, f)
+        return
+    dilution = max(hdop, 1.0) if math.isfinite(hdop) else 2.0
+    moving = x[1] > 2.0 and P[1, 1] < 1.0
+    # a heading that nobody knows is taken over, from the course or from the way since an earlier fix
+    if moving and mem[M_HEADING_SET] == 0.0:
+        step_n, step_e = north - mem[M_FIX_NORTH], east - mem[M_FIX_EAST]
+        way = math.hypot(step_n, step_e)
+        if math.isfinite(course):
+            reset(HEADING, course + lag * x[8] * x[1], (s[S_GPS_COURSE] / x[1]) ** 2 + 0.01, f)
+            mem[M_HEADING_SET] = 1.0
+        elif math.isnan(way):
+            mem[M_FIX_NORTH], mem[M_FIX_EAST] = north, east
+        elif way > 10.0:
+            reset(HEADING, math.atan2(step_e, step_n), 0.04, f)
+            mem[M_HEADING_SET] = 1.0
+    r = (s[S_GPS] * dilution) ** 2
+    if mem[M_HEADING_SET] > 0.0 or not moving:
+        a1 = fuse(GPS_NORTH, north, r, lag, f)
+        a2 = fuse(GPS_EAST, east, r, lag, f)
+        if a1 == REOPENED or a2 == REOPENED:
+            # the receiver may have jumped, or we are lost: let both move
+            for k in (5, 6, 17, 18):
+                P[k, k] += 100.0
+    if math.isfinite(alt):
+        r = (s[S_GPS_Z] * dilution) ** 2
+        fuse(GPS_ALTITUDE, alt, r, lag, f)
+    if math.isfinite(told_speed):
+        r = s[S_GPS_SPEED] ** 2
+        fuse(GPS_SPEED, told_speed, r, lag, f)
+        if moving and told_speed > 3.0 and mem[M_HEADING_SET] > 0.0 and math.isfinite(course):
+            r = (s[S_GPS_COURSE] / told_speed) ** 2
+            reason = fuse(GPS_COURSE, course, r, lag, f)
+            if reason == REOPENED:
+                reset(HEADING, course + lag * x[8] * x[1], r + 0.01, f)
 
-        elif code == COMPASS_EVENT:
-            fuse(COMPASS, events[e, 2], s[S_COMPASS] ** 2, 0.0, x, P, mem, p, s, rec, out, tape, tape_index, work)
 
-        elif code == SPEED_EVENT:
-            fuse(SPEED, events[e, 2], s[S_SPEED] ** 2, 0.0, x, P, mem, p, s, rec, out, tape, tape_index, work)
-            mem[M_TICKS] += 1.0 if events[e, 2] > 1.0 else 0.0
+@njit
+def on_map(event, f):
+    """The passage of a node of the road map: heading, altitude, straightness, each with its deviation."""
+    if math.isfinite(event[2]):
+        fuse(MAP_HEADING, event[2], event[3] ** 2, 0.0, f)
+    if math.isfinite(event[4]):
+        fuse(MAP_ALTITUDE, event[4], event[5] ** 2, 0.0, f)
+    if math.isfinite(event[6]):
+        fuse(MAP_STRAIGHTNESS, event[6], event[7] ** 2, 0.0, f)
 
-        elif code == FUEL:
-            r = (s[S_FUEL] * events[e, 2]) ** 2 + 1e4
-            told = events[e, 2]
-            if math.isfinite(told):
-                thrust = s[S_THRUST_GAIN] * (told - x[11]) / max(x[1], 3.0)
-                mem[M_RESERVOIR] += thrust * thrust
-                P[11, 11] += (told - x[11]) ** 2
-            fuse(FUEL_POWER, told, r, 0.0, x, P, mem, p, s, rec, out, tape, tape_index, work)
-            mem[M_CUT] = 1.0 if told < 200.0 else 0.0
 
-        elif code == GRID:
-            # silence is information
-            if mem[M_TICKS] > 0.0 or math.isnan(mem[M_TICK_TIME]):
-                quiet = t - mem[M_TICK_TIME]
-                if quiet > s[S_TICK_SILENCE] or math.isnan(quiet):
-                    mem[M_SILENT] = 1.0
-                    mem[M_TICK_ANCHORED] = 0.0
-                    v = s[S_SILENT_SPEED]
-                    if math.isnan(quiet) or quiet > 2.0:
-                        fuse(SILENT_WHEELS, 0.0, 0.25, 0.0, x, P, mem, p, s, rec, out, tape, tape_index, work)
-                    elif x[1] > 0.5 * v:
-                        fuse(SILENT_WHEELS, 0.5 * v, 0.3 * v * v, 0.0, x, P, mem, p, s, rec, out, tape, tape_index, work)
-            quiet = t - mem[M_PULSE_TIME]
-            if quiet > s[S_CUT_GAP]:
-                if mem[M_CUT] == 0.0:
-                    mem[M_CUT] = 1.0
-                    mem[M_ANGLE_ANCHORED] = 0.0
-                    mem[M_ENERGY_ANCHORED] = 0.0
-                    reset(11, 0.0, 1e4, x, P, out, tape_index)
-                    mem[M_PULSE_POWER] = 0.0
-            if not sound(P, chol):
-                mem[M_REPAIRS] += 1.0
-                for i in range(NX):
-                    if not math.isfinite(x[i]):
-                        x[i] = 0.0
-                    reset(i, x[i], initial_variance(i, s), x, P, out, tape_index)
-            if abs(x[4]) > 0.5:
-                reset(4, 0.0, s[S_PITCH] * s[S_PITCH], x, P, out, tape_index)
-            m = out[1]
-            if m < grid_x.shape[0]:
-                for i in range(NX):
-                    grid_x[m, i] = x[i]
-                    grid_P[m, i] = P[i, i]
-            if out[4] > 0:
-                k = out[2]
-                tape_index[k, 0] = OP_GRID
-                tape_index[k, 1] = m
-                for i in range(NX):
-                    tape[k, i] = x[i]
-                j = out[5]
-                tape_index[k, 2] = j
-                for i in range(NX):
-                    for l in range(NX):
-                        tape_P[j, i, l] = P[i, l]
-                out[5] = j + 1
-                out[2] = k + 1
-            out[1] = m + 1
+@njit
+def on_gyroscope(event, f):
+    """Body rates, rad/s."""
+    s = f.settings
+    r = s[S_GYRO] ** 2
+    fuse(YAW_RATE, event[4], r, 0.0, f)
+    fuse(PITCH_RATE, event[3], r, 0.0, f)
+
+
+@njit
+def on_compass(event, f):
+    """A heading, rad."""
+    s = f.settings
+    fuse(COMPASS, event[2], s[S_COMPASS] ** 2, 0.0, f)
+
+
+@njit
+def on_speed(event, f):
+    """A speed from a log that carries one, m/s."""
+    mem = f.memory
+    s = f.settings
+    fuse(SPEED, event[2], s[S_SPEED] ** 2, 0.0, f)
+    mem[M_TICKS] += 1.0 if event[2] > 1.0 else 0.0
+
+
+@njit
+def on_fuel(event, f):
+    """A fuel flow from a log that carries one, W."""
+    x = f.x
+    P = f.P
+    mem = f.memory
+    s = f.settings
+    r = (s[S_FUEL] * event[2]) ** 2 + 1e4
+    told = event[2]
+    if math.isfinite(told):
+        thrust = s[S_THRUST_GAIN] * (told - x[11]) / max(x[1], 3.0)
+        mem[M_RESERVOIR] += thrust * thrust
+        P[11, 11] += (told - x[11]) ** 2
+    fuse(FUEL_POWER, told, r, 0.0, f)
+    mem[M_CUT] = 1.0 if told < 200.0 else 0.0
+
+
+@njit
+def on_grid(t, f):
+    """Every 0.1 s: what silence tells, whether all is sound, and the estimate."""
+    x = f.x
+    P = f.P
+    mem = f.memory
+    s = f.settings
+    out = f.counts
+    tape = f.tape
+    tape_index = f.tape_index
+    tape_P = f.tape_P
+    grid_x = f.grid_x
+    grid_P = f.grid_P
+    # silence is information
+    if mem[M_TICKS] > 0.0 or math.isnan(mem[M_TICK_TIME]):
+        quiet = t - mem[M_TICK_TIME]
+        if quiet > s[S_TICK_SILENCE] or math.isnan(quiet):
+            mem[M_SILENT] = 1.0
+            mem[M_TICK_ANCHORED] = 0.0
+            v = s[S_SILENT_SPEED]
+            if math.isnan(quiet) or quiet > 2.0:
+                fuse(SILENT_WHEELS, 0.0, 0.25, 0.0, f)
+            elif x[1] > 0.5 * v:
+                fuse(SILENT_WHEELS, 0.5 * v, 0.3 * v * v, 0.0, f)
+    quiet = t - mem[M_PULSE_TIME]
+    if quiet > s[S_CUT_GAP] and mem[M_CUT] == 0.0:
+        mem[M_CUT] = 1.0
+        mem[M_ANGLE_ANCHORED] = 0.0
+        mem[M_ENERGY_ANCHORED] = 0.0
+        reset(POWER, 0.0, 1e4, f)
+        mem[M_PULSE_POWER] = 0.0
+    if not sound(P, f.work[110 + 11 * NX : 110 + 11 * NX + NX * NX].reshape(NX, NX)):
+        mem[M_REPAIRS] += 1.0
+        for i in range(NX):
+            if not math.isfinite(x[i]):
+                x[i] = 0.0
+            reset(i, x[i], initial_variance(i, s), f)
+    if abs(x[4]) > 0.5:
+        reset(PITCH_ANGLE, 0.0, s[S_PITCH] * s[S_PITCH], f)
+    m = out[GRID_LINES]
+    if m < grid_x.shape[0]:
+        for i in range(NX):
+            grid_x[m, i] = x[i]
+            grid_P[m, i] = P[i, i]
+    if out[TAPING] > 0:
+        k = out[TAPE_LINES]
+        tape_index[k, 0] = OP_GRID
+        tape_index[k, 1] = m
+        for i in range(NX):
+            tape[k, i] = x[i]
+        j = out[TAPE_GRID]
+        tape_index[k, 2] = j
+        for i in range(NX):
+            for c in range(NX):
+                tape_P[j, i, c] = P[i, c]
+        out[TAPE_GRID] = j + 1
+        out[TAPE_LINES] = k + 1
+    out[GRID_LINES] = m + 1
 
 
 @njit(cache=True)
-def retreat(tape, tape_index, tape_P, size, lam, L, p, s, smooth_x, smooth_P):
-    """The modified Bryson-Frazier smoother backwards over a tape of `size` lines (Bierman 1973).
+def advance(events, first, last, f):
+    """Run the filter over events[first:last], (n, COLUMNS), sorted by time. All state lives in `f`."""
+    for e in range(first, last):
+        event = events[e]
+        t, code = event[0], int(event[1])
+        f.memory[M_EVENTS] += 1.0
+        move(t, f)
+        if code == ACCELEROMETER:
+            on_accelerometer(event, f)
+        elif code == WHEEL:
+            on_wheel(event, t, f)
+        elif code == INJECTOR:
+            on_injector(event, t, f)
+        elif code == SKEW:
+            on_skew(event, f)
+        elif code == GPS:
+            on_gps(event, t, f)
+        elif code == MAP:
+            on_map(event, f)
+        elif code == GYROSCOPE:
+            on_gyroscope(event, f)
+        elif code == COMPASS_EVENT:
+            on_compass(event, f)
+        elif code == SPEED_EVENT:
+            on_speed(event, f)
+        elif code == FUEL:
+            on_fuel(event, f)
+        elif code == GRID:
+            on_grid(t, f)
+
+
+@njit(cache=True)
+def retreat(f, lam, L, smooth_x, smooth_P):
+    """The modified Bryson-Frazier smoother backwards over the tape of `f` (Bierman 1973).
 
     lam (NX) and L (NX, NX) are the adjoint state and its information; they carry over from the tape that follows.
     smooth_x, smooth_P (k, NX) receive the smoothed states and variances at the grid's places.
     """
+    tape, tape_index, tape_P, p, s = f.tape, f.tape_index, f.tape_P, f.car, f.settings
     n = np.empty((7, 6))
     xm = np.empty(NX + 4)
     b = np.empty(NX)
     w = np.empty((NX, NX))
-    for m in range(size - 1, -1, -1):
+    for m in range(f.counts[TAPE_LINES] - 1, -1, -1):
         op = tape_index[m, 0]
         if op == OP_ROW:
             k_gain = tape[m, 0:NX]
@@ -1022,7 +1177,7 @@ def retreat(tape, tape_index, tape_P, size, lam, L, p, s, smooth_x, smooth_P):
                     smooth_P[g, i] = P[i, i] - total
 
 
-@njit(cache=True)
+@njit
 def transpose_apply(lam, n, dt, decay, decay_z):
     """lam <- Phi' lam."""
     a0, a1, a2, a3, a4, a5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -1047,7 +1202,7 @@ def transpose_apply(lam, n, dt, decay, decay_z):
     lam[19] *= decay_z
 
 
-@njit(cache=True)
+@njit
 def rows_apply(L, n, dt, decay, decay_z):
     """L <- Phi' L."""
     a = np.zeros((6, NX))

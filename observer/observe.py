@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from observer import kernel
 from observer.estimate import STATES, Estimate
 from observer.events import prepare, with_grid
-from observer.model import KINDS
+from observer.model import KINDS, OMEGA
 from observer.settings import DEFAULT, ObserverSettings
 from sensors.log import SensorLog
 from vehicle_model.car.parameters import Car, Mounting
@@ -34,6 +34,16 @@ RECORD = np.dtype(
 REASONS = np.array(["", "gate", "not_finite", "reopened", "stuck", "anchor", "poor"])
 """By code of `observer.kernel`: beyond the gate; not a number; fused after a gate had been shut for too long; the
 sensor repeats itself; the first pulse after a silence, which only sets the zero; said by the sensor itself to be poor."""
+BIASES = ("bias_x", "bias_y", "bias_z")
+_UNKNOWN = (
+    kernel.M_TICK_TIME,
+    kernel.M_PULSE_TIME,
+    kernel.M_FIX_NORTH,
+    kernel.M_FIX_EAST,
+    kernel.M_ACC_X,
+    kernel.M_FIX_LATITUDE,
+)
+"""Places of the memory that start as unknown."""
 _SEGMENT = 8192
 """Events per segment of the backward pass: its tape then stays in the processor's cache and memory does not grow."""
 _ROWS_PER_EVENT = np.array([3, 1, 3, 5, 0, 2, 1, 1, 1, 3, 1])
@@ -82,33 +92,36 @@ def constants(car: Car) -> NDArray[np.float64]:
     return np.concatenate([head, rotation(car.mounting).ravel()])
 
 
-def start(
-    settings: ObserverSettings, learnt: Mapping[str, float] | None, time: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return state (NX,), covariance (NX, NX) and memory before the first event, at `time` (s)."""
+def start(car: Car, settings: ObserverSettings, learnt: Mapping[str, float] | None, time: float) -> kernel.Filter:
+    """Return the filter before the first event, at `time` (s), with nothing recorded and no tape."""
     vector = settings.vector()
     x = np.zeros(kernel.NX)
     P = np.diag([kernel.initial_variance(i, vector) for i in range(kernel.NX)])
-    x[13] = 90.0
-    for name in ("bias_x", "bias_y", "bias_z"):
+    x[OMEGA] = car.engine.idle_speed
+    for name in BIASES:
         if learnt and name in learnt:
             place = STATES.index(name)
             x[place] = learnt[name]
             P[place, place] = min(learnt.get(f"{name}_variance", P[place, place]) + 1e-6, P[place, place])
     memory = np.zeros(kernel.MEMORY)
+    memory[list(_UNKNOWN)] = math.nan
     memory[kernel.M_SINCE :] = math.nan
-    memory[
-        [
-            kernel.M_TICK_TIME,
-            kernel.M_PULSE_TIME,
-            kernel.M_FIX_NORTH,
-            kernel.M_FIX_EAST,
-            kernel.M_ACC_X,
-            kernel.M_FIX_LATITUDE,
-        ]
-    ] = math.nan
     memory[kernel.M_TIME] = time
-    return x, P, memory
+    return kernel.Filter(
+        x=x,
+        P=P,
+        memory=memory,
+        car=constants(car),
+        settings=vector,
+        records=np.empty((0, 7)),
+        grid_x=np.empty((0, kernel.NX)),
+        grid_P=np.empty((0, kernel.NX)),
+        counts=np.zeros(6, np.int64),
+        tape=np.empty((1, kernel.TAPE_ROW)),
+        tape_index=np.zeros((2, 10), np.int64),
+        tape_P=np.empty((1, kernel.NX, kernel.NX)),
+        work=np.empty(kernel.WORK),
+    )
 
 
 def records_from(rows: NDArray[np.float64]) -> NDArray:
@@ -138,35 +151,32 @@ def observe(
     """
     packets, _ = prepare(log)
     events = with_grid(packets)
-    x, P, memory = start(settings, learnt, float(events[0, 0]) if len(events) else 0.0)
-    parameters, vector = constants(car), settings.vector()
+    fresh = start(car, settings, learnt, float(events[0, 0]) if len(events) else 0.0)
     codes = events[:, 1].astype(np.intp)
     on_grid = codes == kernel.GRID
-    count = int(np.count_nonzero(on_grid))
-    rec = np.empty((int(_ROWS_PER_EVENT[codes].sum()), 7))
-    grid_x, grid_P = np.empty((count, kernel.NX)), np.empty((count, kernel.NX))
-    starts = range(0, len(events), _SEGMENT)
+    lines = int(np.count_nonzero(on_grid))
+    f = fresh._replace(
+        records=np.empty((int(_ROWS_PER_EVENT[codes].sum()), 7)),
+        grid_x=np.empty((lines, kernel.NX)),
+        grid_P=np.empty((lines, kernel.NX)),
+    )
+    f.counts[kernel.RECORDING] = 1
     checkpoints = []
-    out = np.array([0, 0, 0, 1, 0, 0])
-    blank = np.empty((1, kernel.TAPE_ROW)), np.zeros((2, 10), np.int64), np.empty((1, kernel.NX, kernel.NX))
-    work = np.empty(64)
-    for first in starts:
-        checkpoints.append((x.copy(), P.copy(), memory.copy(), int(out[1])))
-        last = min(first + _SEGMENT, len(events))
-        kernel.advance(
-            events, first, last, x, P, memory, parameters, vector, rec, grid_x, grid_P, out, *blank, work
-        )
-    smooth_x, smooth_P = _smooth(events, checkpoints, parameters, vector, grid_x, grid_P)
-    biases = {name: STATES.index(name) for name in ("bias_x", "bias_y", "bias_z")}
-    found = {name: float(x[place]) for name, place in biases.items()}
-    found |= {f"{name}_variance": float(P[place, place]) for name, place in biases.items()}
+    for first in range(0, len(events), _SEGMENT):
+        checkpoints.append(tuple(array.copy() for array in (f.x, f.P, f.memory, f.counts)))
+        kernel.advance(events, first, min(first + _SEGMENT, len(events)), f)
+    smooth_x, smooth_P = _smooth(events, checkpoints, f)
+    x, P, memory = f.x, f.P, f.memory
+    places = {name: STATES.index(name) for name in BIASES}
+    found = {name: float(x[place]) for name, place in places.items()}
+    found |= {f"{name}_variance": float(P[place, place]) for name, place in places.items()}
     return Estimate(
         time=events[on_grid, 0],
-        state=grid_x[:, :17].copy(),
-        variance=grid_P[:, :17].copy(),
+        state=f.grid_x[:, :17].copy(),
+        variance=f.grid_P[:, :17].copy(),
         smoothed=smooth_x[:, :17].copy(),
         smoothed_variance=smooth_P[:, :17].copy(),
-        records=records_from(rec[: out[0]]),
+        records=records_from(f.records[: f.counts[kernel.RECORDS]]),
         origin=(
             float(memory[kernel.M_LATITUDE]),
             float(memory[kernel.M_LONGITUDE]),
@@ -177,32 +187,22 @@ def observe(
 
 
 def _smooth(
-    events: NDArray[np.float64],
-    checkpoints: list[tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], int]],
-    parameters: NDArray[np.float64],
-    settings: NDArray[np.float64],
-    grid_x: NDArray[np.float64],
-    grid_P: NDArray[np.float64],
+    events: NDArray[np.float64], checkpoints: list[tuple[NDArray, ...]], f: kernel.Filter
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Smooth backwards, segment by segment: each is filtered again from its checkpoint, with the tape running."""
     lines = _LINES_PER_EVENT * min(_SEGMENT, len(events)) + 1
+    on_grid = events[:, 1] == kernel.GRID
+    in_segment = max((int(np.sum(on_grid[i : i + _SEGMENT])) for i in range(0, len(events), _SEGMENT)), default=0)
     tape = np.empty((lines, kernel.TAPE_ROW))
-    index = np.zeros((lines + 1, 10), np.int64)
-    in_segment = max(
-        (int(np.count_nonzero(events[i : i + _SEGMENT, 1] == kernel.GRID)) for i in range(0, len(events), _SEGMENT)),
-        default=0,
-    )
+    tape_index = np.zeros((lines + 1, 10), np.int64)
     tape_P = np.empty((in_segment, kernel.NX, kernel.NX))
-    smooth_x, smooth_P = grid_x.copy(), grid_P.copy()
-    lam, information = np.zeros(kernel.NX), np.zeros((kernel.NX, kernel.NX))
-    nothing, work = np.empty((0, 7)), np.empty(64)
+    smooth_x, smooth_P = f.grid_x.copy(), f.grid_P.copy()
+    adjoint, information = np.zeros(kernel.NX), np.zeros((kernel.NX, kernel.NX))
     for number in range(len(checkpoints) - 1, -1, -1):
-        x, P, memory, line = (item.copy() if isinstance(item, np.ndarray) else item for item in checkpoints[number])
-        out = np.array([0, line, 0, 0, 1, 0])
+        x, P, memory, counts = (array.copy() for array in checkpoints[number])
+        counts[[kernel.RECORDING, kernel.TAPING, kernel.TAPE_LINES, kernel.TAPE_GRID]] = 0, 1, 0, 0
+        again = f._replace(x=x, P=P, memory=memory, counts=counts, tape=tape, tape_index=tape_index, tape_P=tape_P)
         first = number * _SEGMENT
-        last = min(first + _SEGMENT, len(events))
-        kernel.advance(
-            events, first, last, x, P, memory, parameters, settings, nothing, grid_x, grid_P, out, tape, index, tape_P, work
-        )
-        kernel.retreat(tape, index, tape_P, out[2], lam, information, parameters, settings, smooth_x, smooth_P)
+        kernel.advance(events, first, min(first + _SEGMENT, len(events)), again)
+        kernel.retreat(again, adjoint, information, smooth_x, smooth_P)
     return smooth_x, smooth_P
