@@ -39,3 +39,37 @@ def drive(duration: float = 300.0, speed: float = 15.0, step: float = 0.01, sky=
         sky=np.zeros_like(t) if sky is None else sky(s),
     )  # fmt: skip
     return Trip(channels, step, (49.61, 6.13, 300.0))
+
+
+def winding_route(length: float = 6000.0, step: float = 1.0, tunnel: tuple[float, float] | None = None):
+    """A road with bends (some tight), hills to 6 % and perhaps a tunnel, as a Route."""
+    from vehicle_model.car.route import TUNNEL, Route
+
+    s = np.arange(0.0, length + step, step)
+    bends = 0.004 * np.sin(2 * np.pi * s / 700.0) + 0.05 * np.exp(-((((s % 1500.0) - 900.0) / 12.0) ** 2))
+    heading = 0.7 + np.cumsum(bends) * step
+    pitch = 0.06 * np.sin(2 * np.pi * s / 1300.0) * np.cos(2 * np.pi * s / 5000.0)
+    sky = np.zeros(s.size, dtype=np.int8)
+    if tunnel:
+        sky[(s >= tunnel[0]) & (s < tunnel[1])] = TUNNEL
+    north, east = np.cumsum(np.cos(heading) * np.cos(pitch)) * step, np.cumsum(np.sin(heading) * np.cos(pitch)) * step
+    return Route(
+        s, north, east, 300.0 + np.cumsum(np.sin(pitch)) * step, heading, pitch, bends, np.gradient(pitch, s),
+        np.full(s.size, 25.0), sky, (49.61, 6.13, 0.0),
+    )  # fmt: skip
+
+
+def drive_along(route, speed: float = 15.0, step: float = 0.01) -> Trip:
+    """A drive from one end of `route` to the other, about `speed` m/s, slowing down now and then."""
+    duration = 1.15 * route.length / speed + 60.0
+    base = drive(duration, speed, step)
+    s = np.minimum(base.distance, route.length - 1.0)
+    at = {
+        name: np.interp(s, route.s, getattr(route, name))
+        for name in ("north", "east", "altitude", "heading", "pitch", "straightness", "vertical_straightness")
+    }
+    sky = route.sky[np.clip(np.round(s / (route.s[1] - route.s[0])).astype(int), 0, route.sky.size - 1)].astype(float)
+    moving = base.distance < route.length - 1.0
+    keep = slice(0, int(moving.sum()))
+    channels = {**base.channels, **at, "sky": sky}
+    return Trip({name: values[keep] for name, values in channels.items()}, step, route.origin)
