@@ -42,11 +42,13 @@ class Suggestion:
     """What the driver is told."""
 
     acceleration: float
-    """m/s2 wanted; `-inf` means: foot off, let it roll in gear."""
+    """m/s2 wanted."""
     gear: int
     """0: as you like."""
     costate: float = 0.0
     """J per m/s: worth of speed, for the display."""
+    coast: bool = False
+    """Foot off: let it roll in gear."""
 
 
 class Advisor(Protocol):
@@ -94,7 +96,7 @@ class AdviceFollower:
         costate = _between(plan.policy_costate, i0, j0, u, w)
         gear = int(plan.policy_gear[i0 + round(u), j0 + round(w)])
         if self.glide and acceleration > -COAST and self._worth_gliding(view):
-            return Suggestion(-np.inf, view.gear, costate)
+            return Suggestion(-COAST, view.gear, costate, coast=True)
         return Suggestion(acceleration, gear, costate)
 
     @staticmethod

@@ -33,6 +33,8 @@ IDLE_BEFORE, IDLE_AFTER = 2.0, 3.0
 """s parked with the engine running before and after the journey."""
 BEND_BRAKING = 1.5
 """m/s2 by which he slows down for a bend or a lower limit."""
+CRAWL = 5.0
+"""m/s that a driver rolling up to a stop keeps until he must brake."""
 STOP_SHORT = 1.0
 """m before a signal's line where he stops."""
 
@@ -130,7 +132,7 @@ def _own_settings(scenario: Scenario) -> dict[str, float]:
 
 def _ego_type(style: Style) -> str:
     return (
-        f'<vType id="ego" length="2.5" minGap="2.0" maxSpeed="60" speedFactor="1.0" speedDev="0" lcStrategic="5" '
+        f'<vType id="ego" length="2.5" minGap="2.0" maxSpeed="60" speedFactor="1.0" speedDev="0" '
         f'carFollowModel="{style.model}" accel="{style.acceleration:g}" decel="{style.deceleration:g}" '
         f'emergencyDecel="8" tau="{style.headway:g}"/>'
     )
@@ -189,7 +191,7 @@ def _run(
             wish = _safe_wish(traffic, style, speed, name, gap, leader_speed, light if stopping else math.inf, left)
             wanted = free_acceleration(style, speed, float(cap[min(index + int(0.5 * speed), len(cap) - 1)]))
             wanted = min(wanted, (float(cap[index]) - speed) / 0.5 if speed > cap[index] else math.inf)
-            advised_gear = 0
+            advised_gear, coast = 0, False
             suggestion: Suggestion | None = None
             if advisor is not None and now >= IDLE_BEFORE and arrived_at is None:
                 view = View(now, place, speed, plant.gear, gap, leader_speed, light, _colour(state), left)
@@ -198,16 +200,20 @@ def _run(
                 if tally.first_advice is None:
                     tally.first_advice = len(tally.hashes)
                     traffic.release(ADVISED_ACCELERATION)
+                coast = suggestion.coast
                 if speed <= cap[index]:
                     wanted = obedience.miss(suggestion.acceleration)
                 advised_gear = suggestion.gear
                 tally.advised += wanted < wish
             elif style.coasts_before_stop and _stop_ahead(stopping, light, left, gap, leader_speed, style):
-                wanted = min(wanted, -math.inf if _far_enough(speed, min(light, left)) else wanted)
+                coast = speed > CRAWL + 0.3
+                wanted = min(wanted, (CRAWL - speed) / 1.5) if not coast else wanted
+            if coast:
+                wanted = min(wanted, 0.0)
             wish = min(wish, wanted)
             if now < IDLE_BEFORE:
                 wish = -1.0
-            force = foot.force(wish, plant)
+            force = foot.force(wish, plant, coast=coast)
             gear = gearbox.gear(plant, force, wish, PERIOD, advised_gear)
             plant.advance(force, gear, PERIOD)
             traffic.step(plant.distance)
@@ -286,11 +292,6 @@ def _stop_ahead(stopping: bool, light: float, left: float, gap: float, leader_sp
     return (stopping and light < reach) or left < reach or (gap < reach and leader_speed < 0.5)
 
 
-def _far_enough(speed: float, room: float) -> bool:
-    """Whether rolling would still carry the car to the place, at no less than a crawl."""
-    return speed > 5.0 or speed**2 > 2.0 * 0.5 * max(room, 0.0)
-
-
 def _count(
     tally: _Tally,
     traffic: Traffic,
@@ -346,6 +347,4 @@ class _Obedience:
         """Return what he makes of an advised acceleration (m/s2): correlated error over 2 s."""
         keep = math.exp(-PERIOD / 2.0)
         self._miss = keep * self._miss + math.sqrt(1.0 - keep * keep) * self._error * self._rng.standard_normal()
-        if acceleration == -math.inf:
-            return acceleration
         return self._gain * acceleration + self._miss

@@ -42,6 +42,8 @@ STYLES: dict[str, Style] = {
     "brisk": Style("IDM", 2.6, 3.0, 1.0, 0.62, 0.26),
     "good": Style("IDM", 1.5, 2.0, 1.3, 0.30, 0.12, cheapest_gear=True, coasts_before_stop=150.0),
 }
+OUT_OF_REACH = 1e7
+"""W: cost in the table of gears from which a gear does not give the force."""
 ADVISED_ACCELERATION = 3.0
 """m/s2 that an advised driver may ask for: his plan limits it, not his habit."""
 
@@ -71,17 +73,16 @@ class Foot:
         self._load = 0.0
         self._pedal = 0.0
 
-    def force(self, wish: float, plant: Plant) -> float:
-        """Return the force wanted at the wheels (N) for `wish` (m/s2; -inf: foot off)."""
+    def force(self, wish: float, plant: Plant, *, coast: bool = False) -> float:
+        """Return the force wanted at the wheels (N) for `wish` (m/s2); `coast`: the foot is off, only the brake may help."""
         self._late.append(wish)
         acceleration = min(wish, self._late.popleft())
         self._load += self._gain * (plant.road_load - self._load)
-        overrun = plant.overrun_force()
-        if acceleration == -np.inf:
-            self._pedal = 0.0
-            return overrun
         mass = self._mass + self._inertia * self._ratios[plant.gear] ** 2
         force = mass * acceleration + self._load
+        if coast:
+            self._pedal = 0.0
+            return min(force, plant.overrun_force())
         if force <= 0.0 or self._step == 0.0:
             self._pedal = 0.0
             return force
@@ -124,7 +125,9 @@ class Gearbox:
             return self._wanted(gear)
         turning = self._ratios * speed
         lowest = 1 if gear <= 1 else 2
-        possible = [g for g in range(lowest, top + 1) if self._floor <= turning[g] <= self._ceiling] or [
+        # The gear that is in may turn a little lower before it is given up.
+        floors = [self._floor * (0.9 if g == gear else 1.0) for g in range(top + 1)]
+        possible = [g for g in range(lowest, top + 1) if floors[g] <= turning[g] <= self._ceiling] or [
             lowest if turning[lowest] < self._floor else top
         ]
         current = gear if gear in possible else None
@@ -167,7 +170,7 @@ class Gearbox:
         assert self._table is not None
         costs = self._table.costs(speed, force)
         best = min(possible, key=lambda g: costs[g])
-        if current is not None and costs[current] < (1.0 + self.WORTH) * costs[best]:
+        if current is not None and costs[current] < min((1.0 + self.WORTH) * costs[best], OUT_OF_REACH):
             return current
         return best
 
@@ -207,6 +210,6 @@ def _gear_table(parameters: bytes, ratios: tuple[float, ...], radius: float, red
         reach = (torque <= 0.92 * full[:, None]) & (turning[:, None] <= redline)
         burnt = steady.fuel_power(p, gear, turning[:, None], torque)
         # Out of reach: the more it falls short the worse, so that the strongest gear wins when none suffices.
-        short = 1e7 + 1e3 * np.maximum(torque / np.maximum(full, 1.0)[:, None], 0.0)
+        short = OUT_OF_REACH + 1e3 * np.maximum(torque / np.maximum(full, 1.0)[:, None], 0.0)
         cost[:, :, gear] = np.where(reach, burnt, short)
     return GearTable(speed, force, cost)
