@@ -188,14 +188,6 @@ EFFECTS: tuple[Effect, ...] = (
         ("driveline_loss",),
     ),
     Effect(
-        "injector_fouling",
-        "injector",
-        "Fouled injectors",
-        (Parameter("restriction", "", 0.0, 0.0, 0.10, "-2..-10 % (M); lambda control opens them longer instead"),),
-        ("injector_command",),
-        ("fuel_energy",),
-    ),
-    Effect(
         "map_drift",
         "engine_fuel",
         "Drift of the engine map",
@@ -260,8 +252,8 @@ EFFECTS: tuple[Effect, ...] = (
         "wheel",
         "Rolling radius: wear, pressure, growth",
         (
-            Parameter("factor", "", 1.0, 0.97, 1.01, "wear -1.5..-2 %, pressure -0.3..-1 % (M); 1.2 % [comma2k19]"),
-            Parameter("growth", "s2/m2", 0.7e-6, 0.0, 4.0e-6, "+0.2..0.5 % at speed (M)"),
+            Parameter("change", "", 0.0, -0.03, 0.02, "wear -1.5..-2 %, pressure -0.3..-1 % (M); 1.2 % [comma2k19]"),
+            Parameter("growth", "", 0.0, 0.0, 0.006, "+0.2..0.5 % at speed (M); at 100 km/h, with its square"),
         ),
         ("wheel_angle", "engine_speed"),
         (),
@@ -287,4 +279,4 @@ EFFECTS: tuple[Effect, ...] = (
         ("rolling_resistance", "grade_map_error"),
     ),
 )
-"""Rows 1 to 15, 17 to 27; 16 and 28 on are declared by `sensors` and `scenarios`."""
+"""Rows 1 to 15, 17 and 19 to 27; the others are declared by `sensors` and `scenarios`."""

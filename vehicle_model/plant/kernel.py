@@ -80,7 +80,6 @@ MAX_GEARS = 12
     P_DRIFT_SPEED_WIDTH,  # rad/s
     P_DRIFT_TORQUE_WIDTH,  # N m
     P_FUEL_ENERGY,  # true / declared heating value
-    P_INJECTOR_LOSS,  # share of the commanded fuel that fouled injectors hold back
     P_BOOST_ONSET,  # share of the full load that comes without lag
     P_BOOST_TIME,  # s
     P_CUT_SHARE,  # share of the fuel that overrun cuts
@@ -106,7 +105,7 @@ MAX_GEARS = 12
     P_IDLE_FUEL,  # factor on the fuel at standstill
     P_STOP_AFTER,  # s of standstill after which the engine stops
     P_TABLE_RATE,  # nodes per rad/s
-) = range(88)
+) = range(87)
 P_RATIO = 90
 """p[P_RATIO + gear]: engine speed / wheel speed; neutral is 0."""
 P_LOSS = P_RATIO + MAX_GEARS + 1
@@ -175,9 +174,8 @@ PARAMETERS = P_BACK_PRESSURE + TABLE
     Y_FUEL_POWER,
     Y_THROTTLE,
     Y_VOLTAGE,
-    Y_COMMAND_POWER,
-) = range(52)
-STATES = 52
+) = range(51)
+STATES = 51
 
 # --- record: the columns that a row holds, in the order of `RECORD` ----------------------------------------------------
 RECORD = (
@@ -199,9 +197,8 @@ RECORD = (
     "throttle",
     "coolant_temperature",
     "battery_voltage",
-    "injector_command",
 )
-COLUMNS = 19
+COLUMNS = 18
 
 OPEN, SLIPPING, LOCKED = 0.0, 1.0, 2.0
 TWO_PI = 2.0 * math.pi
@@ -639,7 +636,6 @@ def step(p, x, force, gear_wanted, pitch, straightness, vertical, heading, dt):
     x[Y_ROAD_LOAD] = resistance
     x[Y_ENGINE_TORQUE] = brake
     x[Y_FUEL_POWER] = metered / dt
-    x[Y_COMMAND_POWER] = metered / dt / (1.0 - p[P_INJECTOR_LOSS])
     x[Y_THROTTLE] = throttle
     if on == 1.0:
         x[Y_VOLTAGE] = 14.2 - 0.0004 * p[P_ELECTRICAL]
@@ -670,7 +666,6 @@ def write_row(x, row):
     row[15] = x[Y_THROTTLE]
     row[16] = x[X_COOLANT]
     row[17] = x[Y_VOLTAGE]
-    row[18] = x[Y_COMMAND_POWER]
 
 
 @njit(cache=True)

@@ -49,8 +49,8 @@ def _body(p: NDArray[np.float64], car: Car, s: dict[str, float]) -> None:
     mass = car.mass * s["mass.factor"]
     p[k.P_MASS] = mass
     p[k.P_GRAVITY] = car.gravity
-    p[k.P_RADIUS] = car.wheel_radius * s["wheel_radius.factor"]
-    p[k.P_RADIUS_GROWTH] = s["wheel_radius.growth"]
+    p[k.P_RADIUS] = car.wheel_radius * (1.0 + s["wheel_radius.change"])
+    p[k.P_RADIUS_GROWTH] = s["wheel_radius.growth"] / (100.0 / 3.6) ** 2
     p[k.P_DRIVEN_INERTIA] = p[k.P_FREE_INERTIA] = 2.0 * car.wheel_inertia
     p[k.P_FREE_RADIUS] = car.wheel_radius
     p[k.P_DRAG] = 0.5 * car.air_density * s["air_density.factor"] * car.drag_area * s["drag_area.factor"]
@@ -125,7 +125,6 @@ def _engine(p: NDArray[np.float64], car: Car, s: dict[str, float]) -> None:
     p[k.P_DRIFT_SPEED_WIDTH] = s["map_drift.speed_width"] * e.redline_speed
     p[k.P_DRIFT_TORQUE_WIDTH] = s["map_drift.torque_width"] * e.max_torque
     p[k.P_FUEL_ENERGY] = s["fuel_energy.factor"]
-    p[k.P_INJECTOR_LOSS] = s["injector_fouling.restriction"]
     p[k.P_BOOST_ONSET] = 0.55
     own_lag = car.driveline.boost_time if car.driveline.boost_time >= 0.0 else (0.5 if e.turbocharged else 0.05)
     p[k.P_BOOST_TIME] = max(own_lag + s["turbo_lag.time"], 0.02)
