@@ -131,10 +131,13 @@ def _own_settings(scenario: Scenario) -> dict[str, float]:
 
 
 def _ego_type(style: Style) -> str:
+    # The models' own noise is off: SUMO plans at most what it was told, so that noise would only ever slow the ego down.
+    # Krauss's dawdling is the driver's (`Style.dawdling`) instead.
+    noiseless = {"Krauss": 'sigma="0"', "EIDM": 'sigmaleader="0" sigmagap="0" sigmaerror="0"'}.get(style.model, "")
     return (
         f'<vType id="ego" length="2.5" minGap="2.0" maxSpeed="60" speedFactor="1.0" speedDev="0" '
         f'carFollowModel="{style.model}" accel="{style.acceleration:g}" decel="{style.deceleration:g}" '
-        f'emergencyDecel="8" tau="{style.headway:g}"/>'
+        f'emergencyDecel="8" tau="{style.headway:g}" {noiseless}/>'
     )
 
 
@@ -171,6 +174,7 @@ def _run(
     limit = route.speed_limit
     destination = float(edge_starts(network)[0][-1] + network.arrival)
     tally = _Tally()
+    dawdling = generator(seed, "driver")
     if advisor is not None:
         advisor.reset()
     arrived_at: float | None = None
@@ -191,6 +195,8 @@ def _run(
             wish = _safe_wish(traffic, style, speed, name, gap, leader_speed, light if stopping else math.inf, left)
             wanted = free_acceleration(style, speed, float(cap[min(index + int(0.5 * speed), len(cap) - 1)]))
             wanted = min(wanted, (float(cap[index]) - speed) / 0.5 if speed > cap[index] else math.inf)
+            if style.dawdling and wanted > 0.0:
+                wanted -= style.dawdling * style.acceleration * dawdling.random()
             advised_gear, coast = 0, False
             suggestion: Suggestion | None = None
             if advisor is not None and now >= IDLE_BEFORE and arrived_at is None:

@@ -29,6 +29,8 @@ class Style:
     upshift: float
     """Engine speed (share of the way from idle to redline) at which he shifts up under light load."""
     downshift: float
+    dawdling: float = 0.0
+    """Share of his acceleration that Krauss's driver drops at random."""
     cheapest_gear: bool = False
     """Picks the gear that burns least for the power he needs, on the true map."""
     coasts_before_stop: float = 0.0
@@ -37,7 +39,7 @@ class Style:
 
 STYLES: dict[str, Style] = {
     "eidm": Style("EIDM", 2.0, 2.5, 1.2, 0.40, 0.16),
-    "krauss": Style("Krauss", 2.0, 2.5, 1.2, 0.40, 0.16),
+    "krauss": Style("Krauss", 2.0, 2.5, 1.2, 0.40, 0.16, dawdling=0.5),
     "soft": Style("IDM", 1.0, 1.5, 1.6, 0.28, 0.12),
     "brisk": Style("IDM", 2.6, 3.0, 1.0, 0.62, 0.26),
     "good": Style("IDM", 1.5, 2.0, 1.3, 0.30, 0.12, cheapest_gear=True, coasts_before_stop=150.0),

@@ -32,8 +32,8 @@ def gear_times(trips: Sequence[Trip]) -> dict[int, dict[tuple[int, int], float]]
 def true_efficiency(car: Car, settings: Mapping[str, float], trips: Sequence[Trip]) -> Callable[[Array, Array], Array]:
     """Return eta(engine_speed, torque): fuel to wheel, steady, gears weighted by the trips' time in the cell.
 
-    The callable takes arrays of equal shape, rad/s and N m (wheel level); where the trips never were, the gears count by
-    their time over the whole of the trips.
+    The callable takes arrays of equal shape, rad/s and N m (wheel level); where the trips never were, the gears count
+    by their time over the whole of the trips.
     """
     parameters = plant_parameters(car, settings)
     times = gear_times(trips)
