@@ -3,12 +3,12 @@
 import subprocess
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pymap3d
 import rerun as rr
-import rerun.blueprint as rrb
 from matplotlib import colormaps
 from numpy.typing import NDArray
 
@@ -16,6 +16,7 @@ from observer.efficiency_map import EfficiencyMap
 from observer.estimate import STATES
 from rollingroad.run import Run
 from rollingroad.viz import charts
+from rollingroad.viz.blueprint import blueprint
 from vehicle_model.car.errors import BadInput
 from vehicle_model.car.route import CANYON, TUNNEL
 from vehicle_model.car.trip import Trip
@@ -24,6 +25,9 @@ Array = NDArray[np.float64]
 _KMH, _RPM = 3.6, 30.0 / np.pi
 _RATE = 10.0
 """Hz, of what is drawn from a trip."""
+_CLUTCH = {"locked": charts.GREY, "slipping": charts.YELLOW, "open": charts.SKY_BLUE}
+_SKY = {"open": charts.GREEN, "canyon": charts.ORANGE, "tunnel": charts.BLACK}
+_GPS = {"fixes": charts.GREEN, "outage": charts.VERMILION}
 
 
 def write_recording(run: Run, path: Path) -> None:
@@ -35,7 +39,7 @@ def write_recording(run: Run, path: Path) -> None:
     aside = path.with_name(path.name + ".part")
     name = f"{run.results['scenario']}, {run.results['car']}, seed {run.results['seed']}"
     recording = rr.RecordingStream("rollingroad", recording_id=name)
-    recording.save(aside, default_blueprint=_blueprint(run))
+    recording.save(aside, default_blueprint=blueprint(run.efficiency_map))
     writer = _Writer(recording)
     _write_drive(writer, "baseline", charts.BASELINE, run.baseline)
     _write_drive(writer, "advised", charts.ADVISED, run.advised)
@@ -58,54 +62,46 @@ def view(folder: Path) -> int:
     return subprocess.run([sys.executable, "-m", "rerun", str(path)], check=False).returncode
 
 
+@dataclass(frozen=True)
+class _Clock:
+    """When and, where known, at which place along the road the rows of a signal stand."""
+
+    time: Array
+    distance: Array | None = None
+
+    def where(self, mask: NDArray[np.bool_]) -> "_Clock":
+        return _Clock(self.time[mask], None if self.distance is None else self.distance[mask])
+
+
 class _Writer:
     """Sends columns on both timelines to one recording."""
 
     def __init__(self, recording: rr.RecordingStream) -> None:
         self.recording = recording
 
-    def columns(self, entity: str, time: Array, distance: Array | None, columns: object) -> None:
-        indexes = [rr.TimeColumn("time", duration=time)]
-        if distance is not None:
-            indexes.append(rr.TimeColumn("distance", sequence=np.round(distance).astype(np.int64)))
+    def columns(self, entity: str, clock: _Clock, columns: object) -> None:
+        indexes = [rr.TimeColumn("time", duration=clock.time)]
+        if clock.distance is not None:
+            indexes.append(rr.TimeColumn("distance", sequence=np.round(clock.distance).astype(np.int64)))
         rr.send_columns(entity, indexes, columns, recording=self.recording)  # pyright: ignore[reportArgumentType]
 
-    def series(
-        self,
-        entity: str,
-        time: Array,
-        distance: Array | None,
-        values: Array,
-        colour: str,
-        name: str,
-        *,
-        dots: bool = False,
-    ) -> None:
-        """A curve, or dots, of finite values."""
+    def series(self, entity: str, clock: _Clock, values: Array, colour: str, name: str, form: str = "line") -> None:
+        """The finite values as a "line", as "steps" that hold their value, or as "dots"."""
         finite = np.isfinite(values)
-        self.columns(
-            entity,
-            time[finite],
-            None if distance is None else distance[finite],
-            rr.Scalars.columns(scalars=values[finite]),
-        )
+        self.columns(entity, clock.where(finite), rr.Scalars.columns(scalars=values[finite]))
         rgb = _rgb(colour)
-        style = (
-            rr.SeriesPoints(colors=rgb, names=name, markers="Circle", marker_sizes=1.5)
-            if dots
-            else rr.SeriesLines(colors=rgb, names=name, widths=1.5)
-        )
-        self.static(entity, style)
+        if form == "dots":
+            self.static(entity, rr.SeriesPoints(colors=rgb, names=name, markers="Circle", marker_sizes=1.5))
+        else:
+            mode = "StepAfter" if form == "steps" else "Linear"
+            self.static(entity, rr.SeriesLines(colors=rgb, names=name, widths=1.5, interpolation_mode=mode))
 
-    def states(self, entity: str, time: Array, distance: Array | None, labels: NDArray[np.str_]) -> None:
-        """A lane of the state timeline: only the changes are written."""
+    def states(self, entity: str, clock: _Clock, labels: NDArray[np.str_], colours: dict[str, str]) -> None:
+        """A lane of the state timeline: only the changes are written. `colours` by label."""
         changes = np.concatenate([[True], labels[1:] != labels[:-1]])
-        self.columns(
-            entity,
-            time[changes],
-            None if distance is None else distance[changes],
-            rr.StateChange.columns(state=labels[changes].tolist()),
-        )
+        self.columns(entity, clock.where(changes), rr.StateChange.columns(state=labels[changes].tolist()))
+        names = list(colours)
+        self.static(entity, rr.StateConfiguration(values=names, labels=names, colors=[_rgb(colours[n]) for n in names]))
 
     def static(self, entity: str, what: rr.AsComponents) -> None:
         self.recording.log(entity, what, static=True)
@@ -114,7 +110,7 @@ class _Writer:
 def _write_drive(out: _Writer, name: str, colour: str, trip: Trip) -> None:
     rows = slice(None, None, max(round(1.0 / _RATE / trip.step), 1))
     c = {channel: values[rows] for channel, values in trip.channels.items()}
-    t, s = c["time"], c["distance"]
+    clock = _Clock(c["time"], c["distance"])
     for entity, values in {
         f"speed/{name}": c["speed"] * _KMH,
         f"gear/{name}": c["gear"],
@@ -126,25 +122,25 @@ def _write_drive(out: _Writer, name: str, colour: str, trip: Trip) -> None:
         f"force/road_load/{name}": c["road_load"] / 1e3,
         f"driver/pedal/{name}": 100.0 * c["throttle"],
     }.items():
-        out.series(entity, t, s, values, colour, name)
-    out.columns(f"plan/car/{name}", t, s, rr.Points2D.columns(positions=_plan(c["east"], c["north"])))
+        out.series(entity, clock, values, colour, name, "steps" if entity.startswith("gear") else "line")
+    out.columns(f"plan/car/{name}", clock, rr.Points2D.columns(positions=_plan(c["east"], c["north"])))
     out.static(f"plan/car/{name}", rr.Points2D.from_fields(colors=[_rgb(colour)], radii=[rr.Radius.ui_points(6.0)]))
-    latitude, longitude, _ = pymap3d.enu2geodetic(c["east"], c["north"], 0 * t, *trip.origin)
-    out.columns(f"map/car/{name}", t, s, rr.GeoPoints.columns(positions=np.column_stack([latitude, longitude])))
+    latitude, longitude, _ = pymap3d.enu2geodetic(c["east"], c["north"], 0 * clock.time, *trip.origin)
+    out.columns(f"map/car/{name}", clock, rr.GeoPoints.columns(positions=np.column_stack([latitude, longitude])))
     out.static(f"map/car/{name}", rr.GeoPoints.from_fields(colors=[_rgb(colour)], radii=[rr.Radius.ui_points(6.0)]))
     clutch = np.where(c["clutch"] >= 0.999, "locked", np.where(c["clutch"] <= 0.001, "open", "slipping"))
-    out.states(f"events/clutch/{name}", t, s, clutch)
+    out.states(f"state/clutch/{name}", clock, clutch, _CLUTCH)
 
 
 def _write_road(out: _Writer, run: Run) -> None:
     trip, route = run.baseline, run.route
     rows = slice(None, None, max(round(0.5 / trip.step), 1))
-    t, s = trip.time[rows], trip.distance[rows]
-    out.series("speed/limit", t, s, trip.speed_limit[rows] * _KMH, charts.LIMIT, "limit")
-    out.series("road/altitude", t, s, trip.altitude[rows], charts.TRUTH, "altitude")
-    out.series("road/pitch/true", t, s, 100 * np.tan(trip.pitch[rows]), charts.TRUTH, "true")
+    clock = _Clock(trip.time[rows], trip.distance[rows])
+    out.series("speed/limit", clock, trip.speed_limit[rows] * _KMH, charts.LIMIT, "limit", "steps")
+    out.series("road/altitude", clock, trip.altitude[rows], charts.TRUTH, "altitude")
+    out.series("road/grade", clock, 100 * np.tan(trip.pitch[rows]), charts.TRUTH, "grade")
     sky = np.select([trip.sky[rows] == TUNNEL, trip.sky[rows] == CANYON], ["tunnel", "canyon"], "open")
-    out.states("events/sky", t, s, sky)
+    out.states("faults/sky", clock, sky, _SKY)
     out.static("plan/road", rr.LineStrips2D([_plan(route.east, route.north)], colors=[_rgb(charts.GREY)], radii=[1.5]))
     latitude, longitude, _ = pymap3d.enu2geodetic(route.east, route.north, 0 * route.s, *route.origin)
     line = np.column_stack([latitude, longitude])
@@ -155,17 +151,17 @@ def _write_road(out: _Writer, run: Run) -> None:
 
 def _write_advice(out: _Writer, run: Run) -> None:
     advice = run.advice
-    t, s = advice.time, advice.s
-    out.series("speed/advice", t, s, advice.speed * _KMH, charts.ADVICE, "advice")
-    out.series("gear/advice", t, s, advice.gear.astype(float), charts.ADVICE, "advice")
-    out.series("engine/torque/advice", t, s, advice.torque, charts.ADVICE, "advice")
-    out.series("advice/costate", t, s, advice.costate / 1e3, charts.ADVICE, "worth of speed (kJ per m/s)")
-    out.series("fuel/burnt/predicted", t, s, advice.fuel / 1e6, charts.ADVICE, "predicted")
+    clock = _Clock(advice.time, advice.s)
+    out.series("speed/advice", clock, advice.speed * _KMH, charts.ADVICE, "advice")
+    out.series("gear/advice", clock, advice.gear.astype(float), charts.ADVICE, "advice", "steps")
+    out.series("engine/torque/advice", clock, advice.torque, charts.ADVICE, "advice")
+    out.series("advice/costate", clock, advice.costate / 1e3, charts.ADVICE, "worth of speed (kJ per m/s)")
+    out.series("fuel/burnt/predicted", clock, advice.fuel / 1e6, charts.ADVICE, "predicted")
 
 
 def _write_estimate(out: _Writer, run: Run) -> None:
     e, trip = run.estimate, run.baseline
-    t, s = e.time, e.column("distance", smoothed=True)
+    clock = _Clock(e.time, e.column("distance", smoothed=True))
     deviation = {name: np.sqrt(e.variance[:, i]) for i, name in enumerate(STATES)}
     for name, scale in {
         "thrust": 1e-3,
@@ -175,17 +171,17 @@ def _write_estimate(out: _Writer, run: Run) -> None:
         "engine_speed": _RPM,
     }.items():
         filtered = scale * e.column(name)
-        out.series(f"observer/{name}/filter", t, s, filtered, charts.FILTER, "filter")
+        out.series(f"observer/{name}/filter", clock, filtered, charts.FILTER, "filter")
         out.series(
-            f"observer/{name}/low", t, s, filtered - 2 * scale * deviation[name], charts.SKY_BLUE, "filter - 2 sd"
+            f"observer/{name}/low", clock, filtered - 2 * scale * deviation[name], charts.SKY_BLUE, "filter - 2 sd"
         )
         out.series(
-            f"observer/{name}/high", t, s, filtered + 2 * scale * deviation[name], charts.SKY_BLUE, "filter + 2 sd"
+            f"observer/{name}/high", clock, filtered + 2 * scale * deviation[name], charts.SKY_BLUE, "filter + 2 sd"
         )
-        out.series(f"observer/{name}/smoothed", t, s, scale * e.column(name, smoothed=True), charts.FOUND, "smoothed")
+        out.series(f"observer/{name}/smoothed", clock, scale * e.column(name, smoothed=True), charts.FOUND, "smoothed")
     for axis in "xyz":
         colour = dict(zip("xyz", (charts.BLUE, charts.VERMILION, charts.GREEN), strict=True))[axis]
-        out.series(f"observer/bias/{axis}", t, s, e.column(f"bias_{axis}"), colour, f"bias {axis}")
+        out.series(f"observer/bias/{axis}", clock, e.column(f"bias_{axis}"), colour, f"bias {axis}")
     truth = {
         "thrust": (trip.thrust - trip.brake_force) / 1e3,
         "speed": trip.speed * _KMH,
@@ -194,12 +190,13 @@ def _write_estimate(out: _Writer, run: Run) -> None:
         "engine_speed": trip.engine_speed * _RPM,
     }
     rows = slice(None, None, max(round(0.5 / _RATE / trip.step), 1))
+    true_clock = _Clock(trip.time[rows], trip.distance[rows])
     for name, values in truth.items():
-        out.series(f"observer/{name}/true", trip.time[rows], trip.distance[rows], values[rows], charts.TRUTH, "true")
-    every = slice(None, None, 5)
+        out.series(f"observer/{name}/true", true_clock, values[rows], charts.TRUTH, "true")
+    every = np.arange(len(e.time)) % 5 == 0
     centres = _plan(e.column("east"), e.column("north"))[every]
     sizes = 2.0 * np.column_stack([deviation["east"], deviation["north"]])[every]
-    out.columns("plan/estimate", t[every], s[every], rr.Ellipses2D.columns(centers=centres, half_sizes=sizes))
+    out.columns("plan/estimate", clock.where(every), rr.Ellipses2D.columns(centers=centres, half_sizes=sizes))
     out.static("plan/estimate", rr.Ellipses2D.from_fields(colors=[_rgb(charts.FOUND)]))
     out.static("plan/track", rr.LineStrips2D([centres], colors=[_rgb(charts.FOUND)], radii=[0.7]))
 
@@ -212,11 +209,10 @@ def _write_records(out: _Writer, run: Run) -> None:
         rows = rows[np.argsort(rows["t"], kind="stable")]
         normalised = rows["innovation"] / np.sqrt(rows["variance"])
         fused = rows["fused"].astype(bool)
-        out.series(f"innovation/{kind}", rows["t"][fused], None, normalised[fused], charts.BLUE, kind, dots=True)
+        clock = _Clock(rows["t"])
+        out.series(f"innovation/{kind}", clock.where(fused), normalised[fused], charts.BLUE, kind, "dots")
         if not fused.all():
-            out.series(
-                f"rejected/{kind}", rows["t"][~fused], None, normalised[~fused], charts.VERMILION, kind, dots=True
-            )
+            out.series(f"rejected/{kind}", clock.where(~fused), normalised[~fused], charts.VERMILION, kind, "dots")
 
 
 def _write_gps(out: _Writer, run: Run) -> None:
@@ -232,15 +228,16 @@ def _write_gps(out: _Writer, run: Run) -> None:
     geo = np.column_stack([gps["latitude"], gps["longitude"]])
     out.static("map/gps/fixes", rr.GeoPoints(lat_lon=geo, colors=colours, radii=[rr.Radius.ui_points(2.0)]))
     t = np.maximum.accumulate(gps["t"])
-    out.columns("plan/gps/now", t, None, rr.Points2D.columns(positions=positions))
+    clock = _Clock(t)
+    out.columns("plan/gps/now", clock, rr.Points2D.columns(positions=positions))
     out.static("plan/gps/now", rr.Points2D.from_fields(colors=[_rgb(charts.PURPLE)], radii=[rr.Radius.ui_points(4.0)]))
-    out.series("gps/hdop", t, None, gps["hdop"], charts.PURPLE, "HDOP (1)")
-    out.series("gps/altitude", t, None, gps["altitude"], charts.PURPLE, "GPS")
+    out.series("gps/hdop", clock, gps["hdop"], charts.PURPLE, "HDOP (1)")
+    out.series("gps/altitude", clock, gps["altitude"], charts.PURPLE, "GPS")
     starts, ends = _gaps(t)
     times = np.concatenate([t[:1], starts, ends])
     labels = np.array(["fixes"] + ["outage"] * len(starts) + ["fixes"] * len(ends))
     order = np.argsort(times, kind="stable")
-    out.states("events/gps", times[order], None, labels[order])
+    out.states("faults/gps", _Clock(times[order]), labels[order], _GPS)
 
 
 def _gaps(time: Array, longest: float = 1.0) -> tuple[Array, Array]:
@@ -267,7 +264,7 @@ def _write_engine_map(out: _Writer, found: EfficiencyMap, trip: Trip) -> None:
     speed = trip.engine_speed[rows]
     torque = np.maximum(trip.thrust[rows] * trip.speed[rows] / np.maximum(speed, 1.0), 0.0)
     now = rr.Points2D.columns(positions=cells(speed, torque))
-    out.columns("engine_map/now", trip.time[rows], trip.distance[rows], now)
+    out.columns("engine_map/now", _Clock(trip.time[rows], trip.distance[rows]), now)
     out.static("engine_map/now", rr.Points2D.from_fields(colors=[_rgb(charts.VERMILION)], radii=[0.8]))
     rpm = np.arange(1000.0, found.engine_speed[-1] * _RPM, 1000.0)
     torques = np.arange(20.0, found.torque[-1], 20.0)
@@ -275,76 +272,6 @@ def _write_engine_map(out: _Writer, found: EfficiencyMap, trip: Trip) -> None:
     labels = [f"{value:.0f} rpm" for value in rpm] + [f"{value:.0f} N m" for value in torques]
     out.static(
         "engine_map/ticks", rr.Points2D(ticks, labels=labels, show_labels=True, radii=[0.2], colors=[(90, 90, 90)])
-    )
-
-
-def _blueprint(run: Run) -> rrb.Blueprint:
-    whole = rrb.TimeAxis(
-        view_range=rr.TimeRange(start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite())
-    )
-
-    def curves(name: str, *paths: str) -> rrb.TimeSeriesView:
-        return rrb.TimeSeriesView(name=name, contents=[f"/{path}/**" for path in paths], axis_x=whole)
-
-    def estimate(name: str, unit: str) -> rrb.TimeSeriesView:
-        return curves(f"{name.replace('_', ' ')} ({unit})", f"observer/{name}")
-
-    paper = (255, 255, 255)
-    plan = rrb.Spatial2DView(origin="/plan", name="plan (m)", background=paper)
-    cells = np.argwhere(run.efficiency_map.count.any(axis=1)).ravel()
-    span = (
-        (float(cells[0]) - 8.0, float(cells[-1]) + 3.0) if len(cells) else (0.0, float(len(run.efficiency_map.count)))
-    )
-    engine = rrb.Spatial2DView(
-        origin="/engine_map",
-        name="engine on the efficiency map found",
-        background=paper,
-        visual_bounds=rrb.VisualBounds2D(x_range=span, y_range=(-2.0, len(run.efficiency_map.torque) + 5.0)),
-    )
-    earth = rrb.MapView(origin="/map", name="map (needs the net for its tiles)")
-    lanes = ["gps", "sky", "clutch/baseline", "clutch/advised"]
-    events = rrb.StateTimelineView(name="faults, outages, clutch", contents=[f"/events/{lane}" for lane in lanes])
-    drive = rrb.Horizontal(
-        rrb.Vertical(rrb.Tabs(plan, earth), engine),
-        rrb.Vertical(
-            curves("speed (km/h)", "speed"),
-            curves("altitude (m)", "road/altitude", "gps/altitude"),
-            curves("gear", "gear"),
-            curves("fuel burnt (MJ)", "fuel/burnt"),
-            events,
-            row_shares=[3, 1.5, 1.5, 2, 1.5],
-        ),
-        column_shares=[2, 3],
-        name="Drive",
-    )
-    observer = rrb.Grid(
-        estimate("thrust", "kN, less brakes"),
-        estimate("pitch", "% grade"),
-        estimate("fuel_power", "kW"),
-        estimate("engine_speed", "rpm"),
-        estimate("speed", "km/h"),
-        curves("biases (m/s2)", "observer/bias"),
-        curves("innovations (standard deviations)", "innovation"),
-        curves("rejected (standard deviations)", "rejected"),
-        grid_columns=2,
-        name="Observer",
-    )
-    engine_tab = rrb.Grid(
-        curves("engine speed (rpm)", "engine/speed"),
-        curves("engine torque (N m)", "engine/torque"),
-        curves("fuel power (kW)", "fuel/power"),
-        curves("worth of speed (kJ per m/s)", "advice"),
-        curves("brakes (kN)", "force/brake"),
-        curves("road load (kN)", "force/road_load"),
-        grid_columns=2,
-        name="Engine and advice",
-    )
-    return rrb.Blueprint(
-        rrb.Tabs(drive, observer, engine_tab, active_tab=0),
-        rrb.TimePanel(state="collapsed", timeline="time", play_state="paused"),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
-        auto_views=False,
     )
 
 

@@ -1,26 +1,32 @@
 """report.html: one run on one page; the first screen answers the question."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from rollingroad.run import Run
+from rollingroad.viz.intervals import Interval, RunIntervals, run_intervals
 from rollingroad.viz.page import write_page
 from rollingroad.viz.views import run_charts
 
-NONE = "—"
+NONE, EXACT, ONCE = "—", "exact", "measured once"
 
 
 def write_report(run: Run, path: Path) -> None:
     """Write the report of `run` to `path`: one self-contained file, written aside and renamed."""
+    r = run.results
+    truth = run.true_efficiency
+    intervals = run_intervals(run.estimate, run.baseline, run.efficiency_map, truth, int(r["seed"] or 0))
     facts = {
-        "r": run.results,
+        "r": r,
         "answer": _answer(run),
-        "tiles": _tiles(run.results),
+        "tiles": _tiles(r, intervals),
         "comparison": _comparison(run),
-        "figures_table": _figures(run.results),
+        "figures_table": _figures(r, intervals),
+        "settings": ", ".join(f"{key} = {value:g}" for key, value in (r.get("settings") or {}).items()),
+        "notes": list(r.get("notes") or []),
         "damage": _damage(run),
         "version": f" {version('rollingroad')}",
         "files": "run.rrd (rollingroad view), trip.kml, truth.parquet, estimate.parquet, map.parquet, advice.parquet",
@@ -44,68 +50,72 @@ def _answer(run: Run) -> str:
     )
 
 
-def _tiles(r: Mapping[str, Any]) -> list[dict[str, str]]:
-    fair = number(r["saving_percent"], 1, "%", sign=True)
+def _tiles(r: Mapping[str, Any], intervals: RunIntervals) -> list[dict[str, str]]:
+    share = number(scaled(r["map"]["fuel_share"], 100), 0, "%")
+    error = interval(_times(intervals.map_rmse, 100), 2, "")
     return [
-        {"name": "saved at equal time", "value": fair,
-         "note": interval(r["saving_ci95"], 1, "%", "one pair of drives")},
+        {"name": "saved at equal time", "value": number(r["saving_percent"], 1, "%", sign=True),
+         "note": interval(r["saving_ci95"], 1, "%", "one pair of drives: no interval")},
         {"name": "oracle", "value": number(r["oracle_saving_percent"], 1, "%", sign=True),
          "note": "plan on the true map, followed perfectly"},
         {"name": "naive figure, not a saving", "value": number(r["naive_saving_percent"], 1, "%", sign=True),
          "note": "trip time ignored"},
         {"name": "error of the map found", "value": number(scaled(r["map"]["rmse"], 100), 2, "points"),
-         "note": f"rms over cells with {number(scaled(r['map']['fuel_share'], 100), 0, '%')} of the fuel"},
+         "note": f"rms over cells with {share} of the fuel; {error}"},
     ]  # fmt: skip
 
 
 def _comparison(run: Run) -> list[tuple[str, str, str, str]]:
     r = run.results
     base, adv = r["baseline"], r["advised"]
-    km = r["distance_m"] / 1e3
     litre = run.car.fuel.density * run.car.fuel.heating_value / 1e3
+    per_distance = 1e5 / litre / r["distance_m"]
 
     def row(name: str, a: float | None, b: float | None, digits: int) -> tuple[str, str, str, str]:
         difference = None if a is None or b is None else b - a
         return name, number(a, digits, ""), number(b, digits, ""), number(difference, digits, "", sign=True)
 
-    fuels, times = (base["fuel_J"], adv["fuel_J"]), (base["time_s"], adv["time_s"])
     return [
-        row("fuel (MJ)", *(scaled(fuel, 1e-6) for fuel in fuels), 2),
-        row("fuel (l/100 km)", *(scaled(fuel, 100 / litre / km) for fuel in fuels), 2),
-        row("trip time (s)", *times, 1),
+        row("fuel (MJ)", scaled(base["fuel_J"], 1e-6), scaled(adv["fuel_J"], 1e-6), 2),
+        row("fuel (l/100 km)", scaled(base["fuel_J"], per_distance), scaled(adv["fuel_J"], per_distance), 2),
+        row("trip time (s)", base["time_s"], adv["time_s"], 1),
     ]
 
 
-def _figures(r: Mapping[str, Any]) -> list[dict[str, str]]:
+def _figures(r: Mapping[str, Any], intervals: RunIntervals) -> list[dict[str, str]]:
     o, m, w = r["observer"], r["map"], r["wall_s"]
-    share = scaled(o["thrust_rmse_N"], 100 / o["thrust_rms_N"]) if o["thrust_rms_N"] else None
-    smooth = scaled(o["thrust_rmse_smoothed_N"], 100 / o["thrust_rms_N"]) if o["thrust_rms_N"] else None
+    points = _times(intervals.map_rmse, 100)
 
-    def row(name: str, value: str, interval: str = NONE) -> dict[str, str]:
-        return {"name": name, "value": value, "interval": interval}
+    def row(name: str, value: str, of: str = NONE) -> dict[str, str]:
+        return {"name": name, "value": value, "interval": of}
+
+    def thrust(key: str) -> str:
+        share = scaled(o[key], 100 / o["thrust_rms_N"]) if o["thrust_rms_N"] else None
+        return f"{number(o[key], 1, 'N')} ({number(share, 1, '%')} of rms)"
 
     return [
-        row("thrust error, filter", f"{number(o['thrust_rmse_N'], 1, 'N')} ({number(share, 1, '%')} of rms)"),
-        row(
-            "thrust error, smoother", f"{number(o['thrust_rmse_smoothed_N'], 1, 'N')} ({number(smooth, 1, '%')} of rms)"
-        ),
+        row("thrust error, filter", thrust("thrust_rmse_N"), interval(intervals.thrust, 1, "N")),
+        row("thrust error, smoother", thrust("thrust_rmse_smoothed_N"), interval(intervals.thrust_smoothed, 1, "N")),
         row("momentary efficiency error, filter", number(scaled(o["efficiency_rmse"], 100), 2, "points")),
-        row("mean NIS per degree of freedom", number(o["nis_mean_per_dof"], 2, "")),
-        row("GPS outage", number(o["gps_outage_s"], 0, "s"), "exact"),
-        row("measurements", number(o["events"], 0, ""), "exact"),
-        row("one measurement takes", number(o["microseconds_per_event"], 2, "µs")),
-        row("map error over valid cells", number(scaled(m["rmse"], 100), 2, "points")),
-        row("fuel burnt in valid cells", number(scaled(m["fuel_share"], 100), 0, "%"), "exact"),
-        row("valid cells", number(m["cells"], 0, ""), "exact"),
-        row(f"fit {m['fit']}: R²", number(m["r2"], 3, "")),
-        row(f"fit {m['fit']}: error against truth", number(scaled(m["fit_rmse"], 100), 2, "points")),
-        row("value at the found peak", number(scaled(m["peak_value_error"], 100), 2, "points", sign=True)),
-        row("vehicles in the network", number(r["vehicles"], 0, ""), "exact"),
+        row("mean NIS per degree of freedom", number(o["nis_mean_per_dof"], 2, ""), interval(intervals.nis, 2, "")),
+        row("map error over valid cells", number(scaled(m["rmse"], 100), 2, "points"), interval(points, 2, "points")),
+        row("fuel burnt in valid cells", number(scaled(m["fuel_share"], 100), 0, "%"), EXACT),
+        row("valid cells", number(m["cells"], 0, ""), EXACT),
+        row(f"fit {m['fit'] or NONE}: R²", number(m["r2"], 3, "")),
+        row(f"fit {m['fit'] or NONE}: error against truth", number(scaled(m["fit_rmse"], 100), 2, "points")),
         row(
-            "computing: drive / observe / plan / all",
-            " / ".join(number(w[k], 1, "s") for k in ("drive", "observe", "plan", "total")),
+            "value at the found peak, found - true", number(scaled(m["peak_value_error"], 100), 2, "points", sign=True)
         ),
-        row("simulated over computing time", number(r["real_time_factor"], 0, "×")),
+        row("GPS outage", number(o["gps_outage_s"], 0, "s"), EXACT),
+        row("measurements", number(o["events"], 0, ""), EXACT),
+        *(
+            row(f"rejected: {name}", number(count, 0, ""), EXACT)
+            for name, count in sorted((o["rejected"] or {}).items())
+        ),
+        row("vehicles in the network", number(r["vehicles"], 0, ""), EXACT),
+        row("one measurement takes", number(o["microseconds_per_event"], 2, "µs"), ONCE),
+        *(row(f"computing: {stage}", number(seconds, 1, "s"), ONCE) for stage, seconds in w.items()),
+        row("simulated over computing time", number(r["real_time_factor"], 0, "×"), ONCE),
     ]
 
 
@@ -134,6 +144,10 @@ def minutes(seconds: float) -> str:
     return f"{whole // 60} min {whole % 60:02d} s"
 
 
+def _times(ends: Interval, factor: float) -> Interval:
+    return None if ends is None else (ends[0] * factor, ends[1] * factor)
+
+
 def scaled(value: float | None, factor: float) -> float | None:
     """`value` times `factor`; None stays None."""
     return None if value is None else value * factor
@@ -146,6 +160,8 @@ def number(value: float | None, digits: int, unit: str, *, sign: bool = False) -
     return f"{value:{'+' if sign else ''},.{digits}f} {unit}".strip().replace("-", "−")
 
 
-def interval(ends: tuple[float, float] | list[float] | None, digits: int, unit: str, otherwise: str) -> str:
+def interval(ends: Sequence[float] | None, digits: int, unit: str, otherwise: str = NONE) -> str:
     """A 95 % interval, or `otherwise` where there is none."""
-    return otherwise if ends is None else f"95 %: {ends[0]:.{digits}f} to {ends[1]:.{digits}f} {unit}".replace("-", "−")
+    if ends is None:
+        return otherwise
+    return f"95 %: {number(ends[0], digits, '')} to {number(ends[1], digits, unit)}"

@@ -115,7 +115,7 @@ def map_chart(found: EfficiencyMap, truth: NDArray[np.float64] | None) -> Chart:
         heats.append(("true", Heat(x, y, 100 * truth, "efficiency (%)", "cividis", 0.0, top)))
         difference = 100 * (found.mean - truth)
         heats.append(("found - true", Heat(x, y, difference, "points", "PuOr", -3.0, 3.0, found.valid)))
-    window = _window(x, found.count.any(axis=1)), _window(y, found.count.any(axis=0))
+    window = _window(x, np.any(found.count > 0, axis=1)), _window(y, np.any(found.count > 0, axis=0))
     panels = tuple(
         Panel("torque (N m)" if i == 0 else "", (heat,), name, "engine speed (rpm)", window[1], window[0])
         for i, (name, heat) in enumerate(heats)
