@@ -24,7 +24,13 @@ RING = 256
 OUTPUT = 11
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
+def _copy(hyp, source, target):
+    for column in range(HYPOTHESIS):
+        hyp[target, column] = hyp[source, column]
+
+
+@njit(cache=True, error_model="numpy")
 def _segment(link, s, start, ps):
     """Index of the point at which the segment that holds `s` begins."""
     low, high = start[link], start[link + 1] - 2
@@ -37,7 +43,7 @@ def _segment(link, s, start, ps):
     return low
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _point(link, backwards, u, start, pn, pe, ps, place):
     """Put north, east and the unit vector of travel at `u` on `link` into `place` (4,). Goes straight on beyond ends."""
     length = ps[start[link + 1] - 1]
@@ -51,7 +57,7 @@ def _point(link, backwards, u, start, pn, pe, ps, place):
     place[2], place[3] = sign * tn, sign * te
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _first_ahead(link, backwards, u, ostart, os, length):
     """Number of observation points of `link`, in the order of travel, that lie at or behind `u`."""
     count = 0
@@ -62,7 +68,7 @@ def _first_ahead(link, backwards, u, ostart, os, length):
     return count
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _add(hyp, count, link, backwards, u, variance, weight, passed, cost, fixes):
     """Add a hypothesis, in the place of the least likely one if need be; return the new count."""
     slot = count
@@ -86,7 +92,7 @@ def _add(hyp, count, link, backwards, u, variance, weight, passed, cost, fixes):
     return count
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def nearby(north, east, radius, grid, gstart, gseg, seg_link, start, pn, pe, ps, found, limit):
     """Find, for each link with a point within `radius` of a place, its nearest one.
 
@@ -129,12 +135,12 @@ def nearby(north, east, radius, grid, gstart, gseg, seg_link, start, pn, pe, ps,
     return count
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _wrap(angle):
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _move(hyp, count, distance, start, ps, link_ends, jstart, jlink, jend, ostart, os):
     """Move all hypotheses on by `distance`; branch at junctions. Returns the new count."""
     for k in range(count):
@@ -163,7 +169,7 @@ def _move(hyp, count, distance, start, ps, link_ends, jstart, jlink, jend, ostar
             # A dead end of the map: wait there for a while, then the fixes will say that it was left.
             if rest > 200.0:
                 count -= 1
-                hyp[k, :] = hyp[count, :]
+                _copy(hyp, count, k)
             else:
                 k += 1
             continue
@@ -181,7 +187,7 @@ def _move(hyp, count, distance, start, ps, link_ends, jstart, jlink, jend, ostar
     return count
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _prune(hyp, count, start, pn, pe, ps, place, other):
     """Drop hypotheses that are far less likely than the best, and copies; returns (count, best)."""
     if count == 0:
@@ -200,11 +206,11 @@ def _prune(hyp, count, start, pn, pe, ps, place, other):
                 if same and abs(hyp[m, U] - hyp[k, U]) < 15.0:
                     good = False
                     if hyp[k, WEIGHT] > hyp[m, WEIGHT]:
-                        hyp[m, :] = hyp[k, :]
+                        _copy(hyp, k, m)
                     break
         if good:
             if keep != k:
-                hyp[keep, :] = hyp[k, :]
+                _copy(hyp, k, keep)
             keep += 1
     best = 0
     for k in range(keep):
@@ -214,18 +220,16 @@ def _prune(hyp, count, start, pn, pe, ps, place, other):
     return keep, best
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _share(hyp, count, best, start, pn, pe, ps, place, other):
     """Probability of the best hypothesis, with those that mean the same place and direction."""
-    b = hyp[best]
-    _point(int(b[LINK]), b[BACKWARDS], b[U], start, pn, pe, ps, place)
+    _point(int(hyp[best, LINK]), hyp[best, BACKWARDS], hyp[best, U], start, pn, pe, ps, place)
     total, agreed = 0.0, 0.0
     for k in range(count):
-        weight = math.exp(hyp[k, WEIGHT] - b[WEIGHT])
+        weight = math.exp(hyp[k, WEIGHT] - hyp[best, WEIGHT])
         total += weight
         if k != best:
-            h = hyp[k]
-            _point(int(h[LINK]), h[BACKWARDS], h[U], start, pn, pe, ps, other)
+            _point(int(hyp[k, LINK]), hyp[k, BACKWARDS], hyp[k, U], start, pn, pe, ps, other)
             near = math.hypot(place[0] - other[0], place[1] - other[1]) < 12.0
             if not (near and place[2] * other[2] + place[3] * other[3] > 0.87):
                 continue
@@ -233,7 +237,7 @@ def _share(hyp, count, best, start, pn, pe, ps, place, other):
     return agreed / total
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def match(events, state, hyp, ring, start, pn, pe, ps, seg_link, link_ends, jstart, jlink, jend, ostart, os, oheading,
           oaltitude, ostraight, ograde, osigma, grid, gstart, gseg, lag, altitude_sigma, out):  # fmt: skip
     """Follow `events` (n, 8), in the order of arrival, and write what is passed into `out` (m, OUTPUT).
@@ -267,7 +271,8 @@ def match(events, state, hyp, ring, start, pn, pe, ps, seg_link, link_ends, jsta
                 count, best = _prune(hyp, count, start, pn, pe, ps, place, other)
             best = 0
         else:
-            north, east, utc, speed, course, hdop = events[e, 2:8]
+            north, east, utc = events[e, 2], events[e, 3], events[e, 4]
+            speed, course, hdop = events[e, 5], events[e, 6], events[e, 7]
             # The clocks' offset is the least of arrival - utc so far; it may creep by 50 ppm.
             offset = t - utc
             crept = state[OFFSET] + 50e-6 * max(0.0, t - state[OFFSET_T])
@@ -284,29 +289,28 @@ def match(events, state, hyp, ring, start, pn, pe, ps, seg_link, link_ends, jsta
             sigma = 4.0 * max(1.0, hdop) if hdop == hdop else 8.0
             along = 4.0 * sigma * sigma
             for k in range(count):
-                h = hyp[k]
-                _point(int(h[LINK]), h[BACKWARDS], h[U], start, pn, pe, ps, place)
+                _point(int(hyp[k, LINK]), hyp[k, BACKWARDS], hyp[k, U], start, pn, pe, ps, place)
                 dn, de = north - place[0], east - place[1]
                 forward = dn * place[2] + de * place[3]
                 across = -dn * place[3] + de * place[2]
                 cost = min(across * across / (sigma * sigma), 16.0)
-                total = h[VARIANCE] + along
+                total = hyp[k, VARIANCE] + along
                 cost += min(forward * forward / total, 16.0)
                 if moving:
                     turn = _wrap(course - math.atan2(place[3], place[2])) / 0.35
                     cost += min(turn * turn, 16.0)
-                h[COST] += 0.1 * (cost - h[COST])
-                h[WEIGHT] = 0.97 * h[WEIGHT] - 0.1 * cost
-                h[FIXES] += 1.0
-                gain = h[VARIANCE] / total
+                hyp[k, COST] += 0.1 * (cost - hyp[k, COST])
+                hyp[k, WEIGHT] = 0.97 * hyp[k, WEIGHT] - 0.1 * cost
+                hyp[k, FIXES] += 1.0
+                gain = hyp[k, VARIANCE] / total
                 step = min(max(forward, -3.0 * math.sqrt(total)), 3.0 * math.sqrt(total))
-                h[U] = max(h[U] + gain * step, 0.0)
-                h[VARIANCE] = max((1.0 - gain) * h[VARIANCE], 1.0)
+                hyp[k, U] = max(hyp[k, U] + gain * step, 0.0)
+                hyp[k, VARIANCE] = max((1.0 - gain) * hyp[k, VARIANCE], 1.0)
             keep = 0
             for k in range(count):
                 if hyp[k, COST] < 14.0:
                     if keep != k:
-                        hyp[keep, :] = hyp[k, :]
+                        _copy(hyp, k, keep)
                     keep += 1
             count = keep
             count = _move(hyp, count, 0.0, start, ps, link_ends, jstart, jlink, jend, ostart, os)
@@ -360,16 +364,15 @@ def match(events, state, hyp, ring, start, pn, pe, ps, seg_link, link_ends, jsta
                 _point(link, hyp[k, BACKWARDS], s, start, pn, pe, ps, place)
                 back = hyp[k, BACKWARDS] > 0
                 doubt = math.sqrt(hyp[k, VARIANCE])
-                row = out[written]
-                row[0] = t - min((hyp[k, U] - s) / state[SPEED], 1.0)
-                row[1] = (oheading[o] + (math.pi if back else 0.0)) % (2.0 * math.pi)
-                row[2] = math.hypot(osigma[o], ostraight[o] * doubt)
-                row[3] = oaltitude[o]
-                row[4] = math.hypot(altitude_sigma, ograde[o] * doubt)
-                row[5] = -ostraight[o] if back else ostraight[o]
-                row[6] = 0.003 + 0.7 * abs(ostraight[o])
-                row[7], row[8] = place[0], place[1]
-                row[9], row[10] = link, e
+                out[written, 0] = t - min((hyp[k, U] - s) / state[SPEED], 1.0)
+                out[written, 1] = (oheading[o] + (math.pi if back else 0.0)) % (2.0 * math.pi)
+                out[written, 2] = math.hypot(osigma[o], ostraight[o] * doubt)
+                out[written, 3] = oaltitude[o]
+                out[written, 4] = math.hypot(altitude_sigma, ograde[o] * doubt)
+                out[written, 5] = -ostraight[o] if back else ostraight[o]
+                out[written, 6] = 0.003 + 0.7 * abs(ostraight[o])
+                out[written, 7], out[written, 8] = place[0], place[1]
+                out[written, 9], out[written, 10] = link, e
                 written += 1
                 if written == out.shape[0]:
                     state[COUNT] = count
@@ -378,7 +381,7 @@ def match(events, state, hyp, ring, start, pn, pe, ps, seg_link, link_ends, jsta
     return written
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _distance_at(ring, at, t, newest):
     """Odometer's distance at logger time `t` from the ring of its newest readings; `newest` where it is not known."""
     later_t, later_d = math.nan, newest
@@ -395,7 +398,7 @@ def _distance_at(ring, at, t, newest):
     return later_d
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def fill_grid(segments, pn, pe, grid, counts, gstart, gseg):
     """Sort segments into the cells that their boxes touch. First pass (gseg empty): counts; second: fills."""
     size, rows, columns = grid[2], int(grid[3]), int(grid[4])

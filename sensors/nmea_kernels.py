@@ -15,7 +15,7 @@ KNOT = 1852.0 / 3600.0
 DAY = 86400.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _put(out, at, value, width):
     """Write the digits of a non-negative integer, padded with zeros to `width`; return the next place."""
     digits = 1
@@ -30,28 +30,28 @@ def _put(out, at, value, width):
     return at + size
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _put_decimal(out, at, value, width, decimals):
     """Write `value` with `decimals` digits behind the point and at least `width` before it."""
     if value < 0:
         out[at] = 45
         at += 1
         value = -value
-    scale = np.int64(10) ** decimals
+    scale = np.int64(100) if decimals == 2 else np.int64(10)
     scaled = np.int64(np.floor(value * scale + 0.5))
     at = _put(out, at, scaled // scale, width)
     out[at] = POINT
     return _put(out, at + 1, scaled % scale, decimals)
 
 
-@njit(cache=True)
-def _put_text(out, at, text):
-    for i in range(text.size):
-        out[at + i] = text[i]
-    return at + text.size
+@njit(cache=True, error_model="numpy")
+def _put_text(out, at, text, begin, end):
+    for i in range(begin, end):
+        out[at + i - begin] = text[i]
+    return at + end - begin
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _put_angle(out, at, value, width, positive, negative):
     """Write an angle in degrees as ddmm.mmmmm,N,"""
     side = positive if value >= 0 else negative
@@ -67,7 +67,7 @@ def _put_angle(out, at, value, width, positive, negative):
     return at + 3
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _put_time(out, at, hundredths):
     seconds = hundredths // 100
     at = _put(out, at, seconds // 3600, 2)
@@ -79,21 +79,22 @@ def _put_time(out, at, hundredths):
     return at + 1
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _close(out, begin, at):
     """Write the sentence's check and line end behind [begin, at)."""
     check = 0
     for i in range(begin + 1, at):
         check ^= out[i]
     out[at] = STAR
-    for i, digit in ((1, check >> 4), (2, check & 15)):
-        out[at + i] = ZERO + digit if digit < 10 else 55 + digit
+    for i in range(2):
+        digit = (check >> 4) if i == 0 else (check & 15)
+        out[at + 1 + i] = ZERO + digit if digit < 10 else 55 + digit
     out[at + 3] = 13
     out[at + 4] = 10
     return at + 5
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def write_epochs(hundredths, date, latitude, longitude, altitude, hdop, quality, satellites, speed, course, gsa, heads,
                  cuts, out, ends):  # fmt: skip
     """Write GGA and RMC (and GSA where `gsa`) of every epoch into `out`; `ends[i]` is where epoch i ends.
@@ -105,7 +106,7 @@ def write_epochs(hundredths, date, latitude, longitude, altitude, hdop, quality,
     for i in range(hundredths.size):
         fix = quality[i] > 0
         begin = at
-        at = _put_text(out, at, heads[cuts[0] : cuts[1]])
+        at = _put_text(out, at, heads, cuts[0], cuts[1])
         at = _put_time(out, at, hundredths[i])
         if fix:
             at = _put_angle(out, at, latitude[i], 2, 78, 83)
@@ -117,13 +118,13 @@ def write_epochs(hundredths, date, latitude, longitude, altitude, hdop, quality,
             at = _put_decimal(out, at + 1, hdop[i], 1, 1)
             out[at] = COMMA
             at = _put_decimal(out, at + 1, altitude[i], 1, 1)
-            at = _put_text(out, at, heads[cuts[1] : cuts[2]])
+            at = _put_text(out, at, heads, cuts[1], cuts[2])
         else:
-            at = _put_text(out, at, heads[cuts[2] : cuts[3]])
+            at = _put_text(out, at, heads, cuts[2], cuts[3])
         at = _close(out, begin, at)
         if gsa[i]:
             begin = at
-            at = _put_text(out, at, heads[cuts[3] : cuts[4]])
+            at = _put_text(out, at, heads, cuts[3], cuts[4])
             out[at] = ZERO + (3 if fix else 1)
             out[at + 1] = COMMA
             at += 2
@@ -133,13 +134,13 @@ def write_epochs(hundredths, date, latitude, longitude, altitude, hdop, quality,
                 out[at] = COMMA
                 at += 1
             for k in range(3):
-                at = _put_decimal(out, at, hdop[i] * (1.6, 1.0, 1.25)[k], 1, 1)
+                at = _put_decimal(out, at, hdop[i] * (1.6 - 0.6 * k + 0.425 * k * (k - 1)), 1, 1)
                 if k < 2:
                     out[at] = COMMA
                     at += 1
             at = _close(out, begin, at)
         begin = at
-        at = _put_text(out, at, heads[cuts[4] : cuts[5]])
+        at = _put_text(out, at, heads, cuts[4], cuts[5])
         at = _put_time(out, at, hundredths[i])
         if fix:
             out[at] = 65
@@ -151,17 +152,17 @@ def write_epochs(hundredths, date, latitude, longitude, altitude, hdop, quality,
             at = _put_decimal(out, at + 1, course[i], 1, 2)
             out[at] = COMMA
             at = _put(out, at + 1, date[i], 6)
-            at = _put_text(out, at, heads[cuts[5] : cuts[6]])
+            at = _put_text(out, at, heads, cuts[5], cuts[6])
         else:
-            at = _put_text(out, at, heads[cuts[6] : cuts[7]])
+            at = _put_text(out, at, heads, cuts[6], cuts[7])
             at = _put(out, at, date[i], 6)
-            at = _put_text(out, at, heads[cuts[7] : cuts[8]])
+            at = _put_text(out, at, heads, cuts[7], cuts[8])
         at = _close(out, begin, at)
         ends[i] = at
     return at
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _hex(byte):
     if 48 <= byte <= 57:
         return byte - 48
@@ -172,7 +173,7 @@ def _hex(byte):
     return -1
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def find_sentences(text, final, begins, ends, counters):
     """Find checked sentences in `text` (uint8): `begins[i]` is its $, `ends[i]` lies behind its check.
 
@@ -211,7 +212,7 @@ def find_sentences(text, final, begins, ends, counters):
     return found, at
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _number(text, begin, end):
     """Return (value, well formed) of a decimal number without exponent."""
     value = 0.0
@@ -235,7 +236,7 @@ def _number(text, begin, end):
     return sign * value / scale, True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _angle(text, begin, end, side):
     """Return (degrees, well formed) of ddmm.mmmm and its hemisphere."""
     value, good = _number(text, begin, end)
@@ -249,7 +250,7 @@ def _angle(text, begin, end, side):
     return angle, (side == 78 or side == 69) and angle <= 180.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _clock(text, begin, end):
     """Return (seconds of the day, well formed) of hhmmss.ss."""
     value, good = _number(text, begin, end)
@@ -260,7 +261,7 @@ def _clock(text, begin, end):
     return hours * 3600.0 + minutes * 60.0 + np.round(seconds * 1000.0) / 1000.0, good
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _days(day, month, year):
     """Days from 1970-01-01 to a date of the Gregorian calendar."""
     if month <= 2:
@@ -270,7 +271,7 @@ def _days(day, month, year):
     return era_days + (153 * (month - 3) + 2) // 5 + day - 1 - 719468
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def read_sentences(text, begins, ends, count, kind, status, values):
     """Read the GGA and RMC among `count` sentences. Row i of `values` (float64, n x 9) becomes
 
@@ -298,7 +299,8 @@ def read_sentences(text, begins, ends, count, kind, status, values):
                 comma[fields] = i
                 fields += 1
         comma[fields] = end
-        values[row, :] = np.nan
+        for place in range(9):
+            values[row, place] = np.nan
         good = fields >= (14 if kind[row] == GGA else 9)
         if not good:
             status[row] = UNSURE
@@ -317,7 +319,9 @@ def read_sentences(text, begins, ends, count, kind, status, values):
             values[row, 5], fine = _number(text, comma[5] + 1, comma[6])
             good = good and fine
             values[row, 6] = 0.0
-            for field, place in ((6, 6), (7, 4), (8, 3)):
+            for field in range(6, 9):
+                # satellites, HDOP, altitude
+                place = 6 if field == 6 else 11 - field
                 if comma[field + 1] > comma[field] + 1:
                     values[row, place], fine = _number(text, comma[field] + 1, comma[field + 1])
                     good = good and fine
@@ -339,7 +343,7 @@ def read_sentences(text, begins, ends, count, kind, status, values):
             status[row] = UNSURE
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def join_epochs(kind, values, places, count, final, state, out, out_places):
     """Join the GGA and the RMC of one epoch to one fix.
 
@@ -372,7 +376,7 @@ def join_epochs(kind, values, places, count, final, state, out, out_places):
     return found
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _emit(state, out, out_places, found):
     """Write the waiting epoch as fix `found` and clear it; return 1, or 0 where no date is known yet."""
     has_gga, has_rmc = state[0] > 0, state[1] > 0

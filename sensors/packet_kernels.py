@@ -16,7 +16,7 @@ BAD_PREAMBLE, UNKNOWN_TYPE, BAD_LENGTH, BAD_CHECK, FALSE_PACKET, ZERO_RUN, TRUNC
 COUNTERS = 8
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _header(data, at):
     """Return 0 where a packet's head stands whole and legal at `at`, else 1 + the kind of damage."""
     if data[at] != PREAMBLE:
@@ -32,7 +32,7 @@ def _header(data, at):
     return 0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _check(data, at):
     """Tell whether the check byte of the packet at `at` is right: (length + payload bytes) mod 256."""
     end = at + 2 + data[at + 2]
@@ -42,7 +42,7 @@ def _check(data, at):
     return (total & 0xFF) == data[end]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _follows(data, at, stop):
     """Tell whether `at` looks like what stands after a packet: a legal head, unwritten zeros or the end."""
     if at >= stop or data[at] == 0:
@@ -50,7 +50,7 @@ def _follows(data, at, stop):
     return at + 3 <= stop and _header(data, at) == 0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _overlapped(data, at, end, stop):
     """Tell whether a valid packet begins inside [at + 1, end), ends beyond it and is itself followed by one.
 
@@ -66,7 +66,7 @@ def _overlapped(data, at, end, stop):
     return False
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def scan(data, final, in_step, zeros, starts, counters):
     """Find the packets in `data` (uint8, n).
 
@@ -126,7 +126,7 @@ def scan(data, final, in_step, zeros, starts, counters):
     return found, at, in_step, zeros
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def gather(data, starts, chosen, size, out):
     """Copy the payloads of `size` bytes of the packets `starts[chosen]` into the rows of `out` (uint8, m x size)."""
     for row in range(chosen.size):
@@ -135,7 +135,7 @@ def gather(data, starts, chosen, size, out):
             out[row, column] = data[base + column]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def gather_text(data, starts, chosen, out, ends):
     """Join the texts of the packets `starts[chosen]` in `out`; `ends[i]` is where the i-th ends. Returns the length."""
     length = 0
@@ -149,7 +149,7 @@ def gather_text(data, starts, chosen, out, ends):
     return length
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def pack(sequence, block, row, block_kind, block_start, lengths, payload, out):
     """Write packets into `out` (uint8) in the order of `sequence` (int64, n); return the bytes written.
 
