@@ -33,6 +33,8 @@ IDLE_BEFORE, IDLE_AFTER = 2.0, 3.0
 """s parked with the engine running before and after the journey."""
 BEND_BRAKING = 1.5
 """m/s2 by which he slows down for a bend or a lower limit."""
+START = 0.3
+"""m/s2: a standing car stays where it is for less."""
 CRAWL = 5.0
 """m/s that a driver rolling up to a stop keeps until he must brake."""
 STOP_SHORT = 1.0
@@ -217,7 +219,7 @@ def _run(
             if coast:
                 wanted = min(wanted, 0.0)
             wish = min(wish, wanted)
-            if now < IDLE_BEFORE:
+            if now < IDLE_BEFORE or (speed < 0.05 and wish < START):
                 wish = -1.0
             force = foot.force(wish, plant, coast=coast)
             gear = gearbox.gear(plant, force, wish, PERIOD, advised_gear)

@@ -45,7 +45,9 @@ STYLES: dict[str, Style] = {
     "good": Style("IDM", 1.5, 2.0, 1.3, 0.30, 0.12, cheapest_gear=True, coasts_before_stop=150.0),
 }
 OUT_OF_REACH = 1e7
-"""W: cost in the table of gears from which a gear does not give the force."""
+"""W: cost of a gear that does not give the force; the less it gives, the more."""
+FULL, RESERVE = 0.95, 0.80
+"""Share of full load up to which `good` stays in a gear, and up to which he changes into one."""
 ADVISED_ACCELERATION = 3.0
 """m/s2 that an advised driver may ask for: his plan limits it, not his habit."""
 
@@ -170,7 +172,11 @@ class Gearbox:
 
     def _cheapest(self, speed: float, force: float, possible: list[int], current: int | None) -> int:
         assert self._table is not None
-        costs = self._table.costs(speed, force)
+        costs, load = self._table.at(speed, force)
+        # A gear that is in may be used to the full; one to change into must have something in reserve.
+        costs = np.where(
+            load > [FULL if g == current else RESERVE for g in range(len(load))], OUT_OF_REACH + load, costs
+        )
         best = min(possible, key=lambda g: costs[g])
         if current is not None and costs[current] < min((1.0 + self.WORTH) * costs[best], OUT_OF_REACH):
             return current
@@ -179,18 +185,20 @@ class Gearbox:
 
 @dataclass(frozen=True)
 class GearTable:
-    """Fuel power (W) of every gear over speed and wheel force; beyond reach it costs more than any reachable gear."""
+    """Fuel power (W) and load (share of full load) of every gear over speed and wheel force."""
 
     speed: NDArray[np.float64]
     force: NDArray[np.float64]
     cost: NDArray[np.float64]
     """(speeds, forces, gears + 1); gear 0 is never chosen."""
+    load: NDArray[np.float64]
+    """(speeds, forces, gears + 1)."""
 
-    def costs(self, speed: float, force: float) -> NDArray[np.float64]:
-        """Cost of each gear at the nearest node, (gears + 1,)."""
+    def at(self, speed: float, force: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Cost and load of each gear at the nearest node, (gears + 1,) each."""
         i = int(np.clip(round((speed - self.speed[0]) / (self.speed[1] - self.speed[0])), 0, len(self.speed) - 1))
         j = int(np.clip(round((force - self.force[0]) / (self.force[1] - self.force[0])), 0, len(self.force) - 1))
-        return self.cost[i, j]
+        return self.cost[i, j], self.load[i, j]
 
 
 def cheapest_gears(plant: Plant) -> GearTable:
@@ -204,14 +212,12 @@ def _gear_table(parameters: bytes, ratios: tuple[float, ...], radius: float, red
     p = np.frombuffer(parameters)
     speed = np.arange(1.0, 56.0, 1.0)
     force = np.arange(0.0, 5_001.0, 100.0)
-    cost = np.full((len(speed), len(force), len(ratios) + 1), 1e9)
+    cost = np.full((len(speed), len(force), len(ratios) + 1), OUT_OF_REACH)
+    load = np.full(cost.shape, 99.0)
     for gear, ratio in enumerate(ratios, start=1):
         turning = speed * ratio / radius
         torque = np.outer(speed / turning, force)
-        full = steady.full_load(p, gear, turning)
-        reach = (torque <= 0.92 * full[:, None]) & (turning[:, None] <= redline)
-        burnt = steady.fuel_power(p, gear, turning[:, None], torque)
-        # Out of reach: the more it falls short the worse, so that the strongest gear wins when none suffices.
-        short = OUT_OF_REACH + 1e3 * np.maximum(torque / np.maximum(full, 1.0)[:, None], 0.0)
-        cost[:, :, gear] = np.where(reach, burnt, short)
-    return GearTable(speed, force, cost)
+        full = np.maximum(steady.full_load(p, gear, turning), 1.0)
+        load[:, :, gear] = np.where(turning[:, None] <= redline, torque / full[:, None], 99.0)
+        cost[:, :, gear] = steady.fuel_power(p, gear, turning[:, None], torque)
+    return GearTable(speed, force, cost, load)
