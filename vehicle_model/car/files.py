@@ -61,6 +61,8 @@ FORM: dict[tuple[str, str], str | None] = {
     ("rollingroad/engine", "cylinders"): "",
     ("rollingroad/engine", "redline"): "",
     ("rollingroad/engine", "turbocharged"): "",
+    ("rollingroad/engine", "friction"): "1",
+    ("rollingroad/engine", "throttling"): "1",
     ("rollingroad/fuel", "density"): "745",
     ("rollingroad/fuel", "heatingValue"): "43.0e6",
     ("rollingroad/driver", "mass"): "76",
@@ -73,6 +75,8 @@ FORM: dict[tuple[str, str], str | None] = {
     ("rollingroad/driveline", "launchRpm"): "0",
     ("rollingroad/driveline", "variable"): "no",
     ("rollingroad/driveline", "boostTime"): "-1",
+    ("rollingroad/driveline", "scheduleRpm"): "0",
+    ("rollingroad/driveline", "scheduleReserve"): "0.9",
     ("rollingroad/driveline", "electricalPower"): "350",
     ("rollingroad/tolerances", "mass"): "0.02",
     ("rollingroad/tolerances", "rollingResistance"): "0.03",
@@ -225,6 +229,8 @@ def _car(values: Values, logs: tuple[str, ...], name: str, source: object) -> Ca
         redline_speed=(number("rollingroad/engine", "redline") * RPM) if redline else 1.15 * power_speed,
         inertia=number("engine/inertia", "lumped"),
         turbocharged=turbo_text == "yes" if turbo_text else bool(re.search(r"turbo|suprex|t-?gdi", kind, re.IGNORECASE)),
+        friction=number("rollingroad/engine", "friction"),
+        throttling=number("rollingroad/engine", "throttling"),
         kind=kind,
     )
     ratios = _gears(values, source)
@@ -274,6 +280,8 @@ def _car(values: Values, logs: tuple[str, ...], name: str, source: object) -> Ca
             launch_speed=number("rollingroad/driveline", "launchRpm") * RPM,
             continuously_variable=variable == "yes",
             boost_time=number("rollingroad/driveline", "boostTime"),
+            schedule_speed=number("rollingroad/driveline", "scheduleRpm") * RPM,
+            schedule_reserve=number("rollingroad/driveline", "scheduleReserve"),
             electrical_power=number("rollingroad/driveline", "electricalPower"),
         ),
         labels={
@@ -413,6 +421,8 @@ def _xml(car: Car) -> str:
             cylinders=str(e.cylinders),
             redline=_exact(e.redline_speed, RPM),
             turbocharged="yes" if e.turbocharged else "no",
+            friction=e.friction,
+            throttling=e.throttling,
         ),
         f"    {say('fuel', density=car.fuel.density, heatingValue=car.fuel.heating_value)}",
         f"    {say('driver', mass=car.driver_mass)}",
@@ -427,6 +437,8 @@ def _xml(car: Car) -> str:
             launchRpm=_exact(d.launch_speed, RPM) if d.launch_speed else 0.0,
             variable="yes" if d.continuously_variable else "no",
             boostTime=d.boost_time,
+            scheduleRpm=_exact(d.schedule_speed, RPM) if d.schedule_speed else 0.0,
+            scheduleReserve=d.schedule_reserve,
             electricalPower=d.electrical_power,
         ),
         "    "

@@ -26,6 +26,10 @@ class Engine:
     inertia: float
     """J_e, kg m2: all of the drivetrain but the wheels, lumped at the engine."""
     turbocharged: bool
+    friction: float = 1.0
+    """Rubbing and auxiliaries relative to a textbook engine of this size (plant only)."""
+    throttling: float = 1.0
+    """Share of the throttle's pumping that the valve timing leaves; a late-closing (Atkinson) intake 0.6 (plant only)."""
     kind: str = ""
     """Free text of the file's `type`."""
 
@@ -91,6 +95,10 @@ class Driveline:
     """The first and last gear are the ends of a variator's range."""
     boost_time: float = -1.0
     """s, lag of the torque that the charger gives; negative: 0.5 with a turbocharger, 0.05 without."""
+    schedule_speed: float = 0.0
+    """rad/s: on a drive cycle the driver (or the automatic) shifts up only to above it; 0: 2.2 x idle."""
+    schedule_reserve: float = 0.9
+    """m/s2 of acceleration that he keeps in reserve when he shifts up."""
     electrical_power: float = 350.0
     """W, mean electrical load."""
 

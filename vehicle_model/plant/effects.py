@@ -163,7 +163,7 @@ EFFECTS: tuple[Effect, ...] = (
         "Overrun fuel cut-off",
         (
             Parameter("share", "", 1.0, 0.0, 1.0, "of the fuel that overrun cuts; 9-15 % of moving samples [meas]"),
-            Parameter("resume", "rad/s", 45.0, 20.0, 120.0, "above idle, engine speed where fuel returns (M)"),
+            Parameter("resume", "rad/s", 30.0, 10.0, 120.0, "above idle, engine speed where fuel returns (M)"),
         ),
         ("fuel_power",),
         (),

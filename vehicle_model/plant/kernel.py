@@ -67,6 +67,9 @@ MAX_GEARS = 12
     P_PRESSURE_GAIN,  # indicated mean pressure per manifold pressure
     P_AMBIENT_PRESSURE,  # Pa
     P_PUMPING_FLOOR,  # Pa
+    P_THROTTLING,  # share of the throttle's pumping that the valve timing leaves
+    P_SCHEDULE_SPEED,  # rad/s, the cycle's driver shifts up only to above it
+    P_SCHEDULE_RESERVE,  # m/s2, acceleration that he keeps in reserve
     P_CLOSED_PRESSURE,  # Pa, manifold with closed throttle
     P_DILUTION,  # efficiency lost to residual gas at low load
     P_KNOCK,  # efficiency lost per square of relative pressure above the knock limit
@@ -105,8 +108,8 @@ MAX_GEARS = 12
     P_IDLE_FUEL,  # factor on the fuel at standstill
     P_STOP_AFTER,  # s of standstill after which the engine stops
     P_TABLE_RATE,  # nodes per rad/s
-) = range(87)
-P_RATIO = 90
+) = range(90)
+P_RATIO = 92
 """p[P_RATIO + gear]: engine speed / wheel speed; neutral is 0."""
 P_LOSS = P_RATIO + MAX_GEARS + 1
 """p[P_LOSS + gear]: share of the torque that the gear loses."""
@@ -223,7 +226,8 @@ def indicated_torque(p, speed, shaft):
     per_pressure = p[P_TORQUE_PER_PRESSURE]
     exhaust = p[P_AMBIENT_PRESSURE] + _table(p, P_BACK_PRESSURE, speed * p[P_TABLE_RATE])
     gain = p[P_PRESSURE_GAIN]
-    throttled = (shaft + per_pressure * exhaust) * gain / (gain + 1.0)
+    part = p[P_THROTTLING]
+    throttled = (shaft + part * per_pressure * exhaust) * gain / (gain + part)
     wide_open = shaft + per_pressure * p[P_PUMPING_FLOOR]
     indicated = max(throttled, wide_open, 0.0)
     return indicated, indicated - shaft
@@ -398,7 +402,7 @@ def step(p, x, force, gear_wanted, pitch, straightness, vertical, heading, dt):
         full_load = max(full_load * (1.0 - (engine0 - p[P_REDLINE]) / (0.03 * p[P_REDLINE])), 1.0)
     per_pressure = p[P_TORQUE_PER_PRESSURE]
     exhaust = p[P_AMBIENT_PRESSURE] + _table(p, P_BACK_PRESSURE, place)
-    closed_pumping = per_pressure * (exhaust - p[P_CLOSED_PRESSURE])
+    closed_pumping = p[P_THROTTLING] * per_pressure * (exhaust - p[P_CLOSED_PRESSURE])
     closed_indicated = per_pressure * p[P_PRESSURE_GAIN] * p[P_CLOSED_PRESSURE]
     lowest = closed_indicated - closed_pumping - carried
     overrun = (1.0 - p[P_CUT_SHARE]) * closed_indicated - closed_pumping - carried
@@ -715,7 +719,7 @@ def wheel_force_at(p, gear, ratio, speed):
         full = max(full * (1.0 - (speed - p[P_REDLINE]) / (0.03 * p[P_REDLINE])), 0.0)
     carried = _table(p, P_FRICTION, place) + p[P_ELECTRICAL] / p[P_ALTERNATOR] / speed
     exhaust = p[P_AMBIENT_PRESSURE] + _table(p, P_BACK_PRESSURE, place)
-    closed = p[P_TORQUE_PER_PRESSURE] * (exhaust - p[P_CLOSED_PRESSURE])
+    closed = p[P_THROTTLING] * p[P_TORQUE_PER_PRESSURE] * (exhaust - p[P_CLOSED_PRESSURE])
     fired = (1.0 - p[P_CUT_SHARE]) * p[P_TORQUE_PER_PRESSURE] * p[P_PRESSURE_GAIN] * p[P_CLOSED_PRESSURE]
     wheel = speed / ratio
     lost = (p[P_GEAR_DRAG] + p[P_GEAR_DRAG_SPEED] * wheel) / p[P_RADIUS]
@@ -753,13 +757,13 @@ def choose_gear(p, x, wanted, acceleration):
     if gear < gears and x[X_SINCE_SHIFT] > 1.2 and wanted > 0.0:
         after = p[P_RATIO + gear + 1] * wheel
         strongest, _ = wheel_force_at(p, gear + 1, p[P_RATIO + gear + 1], after)
-        if after > 2.2 * idle and wanted + 0.9 * p[P_MASS] < strongest:
+        if after > p[P_SCHEDULE_SPEED] and wanted + p[P_SCHEDULE_RESERVE] * p[P_MASS] < strongest:
             return gear + 1
     if gear > 1:
         now = p[P_RATIO + gear] * wheel
         below = p[P_RATIO + gear - 1] * wheel
         strongest, _ = wheel_force_at(p, gear, p[P_RATIO + gear], max(now, idle))
-        if now < 1.6 * idle:
+        if now < 0.73 * p[P_SCHEDULE_SPEED]:
             return gear - 1
         if wanted > 0.95 * strongest and below < 0.92 * p[P_REDLINE] and x[X_SINCE_SHIFT] > 0.8:
             return gear - 1
@@ -867,6 +871,6 @@ def steady_overrun(p, speed):
     carried = _table(p, P_FRICTION, place) + p[P_ELECTRICAL] / p[P_ALTERNATOR] / max(speed, 0.4 * p[P_IDLE])
     carried += p[P_AC_POWER] * p[P_AC_DUTY] / max(speed, 0.4 * p[P_IDLE])
     exhaust = p[P_AMBIENT_PRESSURE] + _table(p, P_BACK_PRESSURE, place)
-    closed = p[P_TORQUE_PER_PRESSURE] * (exhaust - p[P_CLOSED_PRESSURE])
+    closed = p[P_THROTTLING] * p[P_TORQUE_PER_PRESSURE] * (exhaust - p[P_CLOSED_PRESSURE])
     fired = (1.0 - p[P_CUT_SHARE]) * p[P_TORQUE_PER_PRESSURE] * p[P_PRESSURE_GAIN] * p[P_CLOSED_PRESSURE]
     return fired - closed - carried

@@ -42,6 +42,7 @@ def plant_parameters(car: Car, settings: Mapping[str, float] | None = None) -> N
     _full_load(p, car)
     _accessories(p, car, s)
     check_idle(p, car.name)
+    _closed_throttle(p, car)
     return p
 
 
@@ -97,6 +98,8 @@ def _driveline(p: NDArray[np.float64], car: Car, s: dict[str, float]) -> None:
     p[k.P_CLUTCH_CAPACITY] = s["clutch_slip.capacity"] * car.engine.max_torque
     launch = d.launch_speed or min(0.5 * car.engine.max_torque_speed + 0.5 * car.engine.idle_speed + 40.0, 330.0)
     p[k.P_LAUNCH_SPEED] = max(launch * s["clutch_slip.launch"], 1.2 * car.engine.idle_speed)
+    p[k.P_SCHEDULE_SPEED] = d.schedule_speed or 2.2 * car.engine.idle_speed
+    p[k.P_SCHEDULE_RESERVE] = d.schedule_reserve
     p[k.P_LAUNCH_FORCE] = 0.35 * car.mass * car.gravity
 
 
@@ -113,7 +116,7 @@ def _engine(p: NDArray[np.float64], car: Car, s: dict[str, float]) -> None:
     p[k.P_PRESSURE_GAIN] = 30.6 * p[k.P_CYCLE_EFFICIENCY]
     p[k.P_AMBIENT_PRESSURE] = AMBIENT_PRESSURE
     p[k.P_PUMPING_FLOOR] = (0.20 if e.turbocharged else 0.06) * BAR
-    p[k.P_CLOSED_PRESSURE] = 0.25 * BAR
+    p[k.P_THROTTLING] = e.throttling
     p[k.P_DILUTION] = 0.35
     p[k.P_KNOCK] = 1.2
     p[k.P_KNOCK_LIMIT] = max(1.10 - 0.12 * (e.compression - 9.0), 0.6)
@@ -130,7 +133,7 @@ def _engine(p: NDArray[np.float64], car: Car, s: dict[str, float]) -> None:
     p[k.P_BOOST_TIME] = max(own_lag + s["turbo_lag.time"], 0.02)
     p[k.P_CUT_SHARE] = s["fuel_cutoff.share"]
     p[k.P_CUT_RESUME] = e.idle_speed + s["fuel_cutoff.resume"]
-    p[k.P_CUT_BAND] = 15.0
+    p[k.P_CUT_BAND] = 10.0
     p[k.P_TARGET_TEMPERATURE] = 363.15
     p[k.P_START_TEMPERATURE] = s["cold_start.temperature"]
     p[k.P_FRICTION_EXPONENT] = s["cold_start.exponent"]
@@ -148,7 +151,7 @@ def _engine(p: NDArray[np.float64], car: Car, s: dict[str, float]) -> None:
     speed = np.linspace(0.0, top, k.TABLE)
     krpm = speed * 60.0 / (2000.0 * pi)
     # rubbing and auxiliaries, bar: Heywood's total motoring friction without its pumping part, a modern engine
-    friction = size * (0.80 + 0.14 * krpm) + 0.033 * krpm**2
+    friction = e.friction * (size * (0.80 + 0.14 * krpm) + 0.033 * krpm**2)
     p[k.P_FRICTION : k.P_FRICTION + k.TABLE] = friction * BAR * p[k.P_TORQUE_PER_PRESSURE]
     # slow turning loses heat to the walls, fast turning burns late
     share = speed / e.max_power_speed
@@ -183,6 +186,14 @@ def _accessories(p: NDArray[np.float64], car: Car, s: dict[str, float]) -> None:
     p[k.P_ELECTRICAL] = max(car.driveline.electrical_power + s["accessory_load.power"], 0.0)
     p[k.P_AC_POWER] = s["ac_cycling.power"]
     p[k.P_AC_RATE], p[k.P_AC_DUTY] = 1.0 / s["ac_cycling.period"], s["ac_cycling.duty"]
+
+
+def _closed_throttle(p: NDArray[np.float64], car: Car) -> None:
+    """A closed throttle leaves less air than the warm engine's idle needs, so that idle is the governor's to hold."""
+    shaft = float(np.interp(p[k.P_IDLE] * p[k.P_TABLE_RATE], np.arange(k.TABLE), p[k.P_FRICTION : k.P_FRICTION + k.TABLE]))
+    shaft += car.driveline.electrical_power / p[k.P_ALTERNATOR] / p[k.P_IDLE]
+    indicated, _ = k.indicated_torque(p, p[k.P_IDLE], shaft)
+    p[k.P_CLOSED_PRESSURE] = 0.75 * indicated / (p[k.P_TORQUE_PER_PRESSURE] * p[k.P_PRESSURE_GAIN])
 
 
 def check_idle(p: NDArray[np.float64], source: object) -> None:

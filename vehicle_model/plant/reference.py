@@ -232,7 +232,7 @@ def carry(p: SimpleNamespace, x: State) -> Burden:
         friction=friction,
         alternator=alternator,
         compressor=compressor,
-        closed_pumping=p.torque_per_pressure * (exhaust - p.closed_pressure),
+        closed_pumping=p.throttling * p.torque_per_pressure * (exhaust - p.closed_pressure),
         closed_indicated=p.torque_per_pressure * p.pressure_gain * p.closed_pressure,
         full_load=full_load,
         coldness=coldness,
@@ -243,10 +243,11 @@ def carry(p: SimpleNamespace, x: State) -> Burden:
 def indicated_torque(p: SimpleNamespace, w: float, shaft: float) -> tuple[float, float]:
     """Indicated torque and pumping (N m): the throttle leaves the manifold the pressure that the work needs.
 
-    T_i = shaft + V (p_exhaust - p_manifold) with T_i = V gain p_manifold, but never less pumping than the floor's.
+    T_i = shaft + c V (p_exhaust - p_manifold) with T_i = V gain p_manifold, but never less pumping than the floor's.
     """
     exhaust = p.ambient_pressure + p.back_pressure_at(w)
-    throttled = (shaft + p.torque_per_pressure * exhaust) * p.pressure_gain / (p.pressure_gain + 1.0)
+    pumped = p.throttling * p.torque_per_pressure * exhaust
+    throttled = (shaft + pumped) * p.pressure_gain / (p.pressure_gain + p.throttling)
     wide_open = shaft + p.torque_per_pressure * p.pumping_floor
     indicated = max(throttled, wide_open, 0.0)
     return indicated, indicated - shaft
