@@ -20,6 +20,7 @@ from observer.kernel import (
     GRID,
     GYROSCOPE,
     INJECTOR,
+    MAP,
     SKEW,
     SPEED_EVENT,
     WHEEL,
@@ -114,7 +115,7 @@ def _admit_all(times, memory, verdicts):
 
 
 def packet_rows(stream: str, packets: NDArray) -> NDArray[np.float64]:
-    """Return `packets` of `stream` (sensors.log.STREAMS) as event rows (n, COLUMNS), in the kernel's order of columns."""
+    """Return `packets` of `stream` (sensors.log.STREAMS) as event rows (n, COLUMNS), in the kernel's order."""
     code, half, columns = _SOURCES[stream]
     rows = np.zeros((len(packets), COLUMNS))
     rows[:, 0] = packets["t"] + half
@@ -124,10 +125,26 @@ def packet_rows(stream: str, packets: NDArray) -> NDArray[np.float64]:
     return rows
 
 
-def prepare(log: SensorLog) -> tuple[NDArray[np.float64], dict[str, int]]:
-    """Return the events of `log` (n, COLUMNS), sorted by time and without grid lines, and what was turned away, counted.
+def passage_rows(passages: NDArray, log: SensorLog) -> NDArray[np.float64]:
+    """Return the nodes passed (`sensors.matching.OBSERVATION`) as event rows, at the time when each became known."""
+    rows = np.zeros((len(passages), COLUMNS))
+    known = np.concatenate([log[stream]["order"] for stream in ("wheel", "gps", "speed")])
+    stamps = np.concatenate([log[stream]["t"] for stream in ("wheel", "gps", "speed")])
+    sequence = np.argsort(known, kind="stable")
+    place = np.searchsorted(known[sequence], passages["order"])
+    rows[:, 0] = np.maximum(stamps[sequence][place], passages["t"])
+    rows[:, 1] = MAP
+    for column, name in enumerate(("heading", "altitude", "straightness")):
+        rows[:, 2 + 2 * column] = passages[name]
+        rows[:, 3 + 2 * column] = passages[f"{name}_sigma"]
+    rows[:, 8] = rows[:, 0] - passages["t"]
+    return rows
 
-    Packets are judged in the order in which they stand in the log and then sorted by time (stable).
+
+def prepare(log: SensorLog, passages: NDArray | None = None) -> tuple[NDArray[np.float64], dict[str, int]]:
+    """Return the events of `log` (n, COLUMNS), by time, without grid lines, and what was turned away, counted.
+
+    `passages` are the nodes of the road map that the log passes. Packets are judged in the order in which they stand in the log and then sorted by time (stable).
     """
     blocks, orders = [], []
     for stream in _SOURCES:
@@ -137,6 +154,10 @@ def prepare(log: SensorLog) -> tuple[NDArray[np.float64], dict[str, int]]:
             orders.append(packets["order"])
     if not blocks:
         return np.empty((0, COLUMNS)), {}
+    if passages is not None and len(passages):
+        # right behind the packet that told them
+        blocks.append(passage_rows(passages, log))
+        orders.append(passages["order"])
     rows = np.concatenate(blocks)
     rows = rows[np.argsort(np.concatenate(orders), kind="stable")]
     times = rows[:, 0].copy()
@@ -149,7 +170,7 @@ def prepare(log: SensorLog) -> tuple[NDArray[np.float64], dict[str, int]]:
 
 
 def with_grid(rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return `rows` with a grid line every GRID_STEP from the first event on; an event at a grid line's time goes first."""
+    """Return `rows` with a grid line every GRID_STEP from the first event on; events at a line's time go first."""
     if not len(rows):
         return rows
     first = math.ceil(rows[0, 0] / GRID_STEP)

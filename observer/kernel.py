@@ -379,7 +379,7 @@ def predict(x, P, dt, p, s, q, n, xm, w):
 def sparse_row(kind, x, p, aux, hi, hv, g):
     """Fill hi, hv with the places and values of the measurement's Jacobian; return its value and how many there are."""
     v = x[1]
-    if kind == ACCELERATION_X or kind == ACCELERATION_X_THESIS:
+    if kind in (ACCELERATION_X, ACCELERATION_X_THESIS):
         a = acceleration(x, p, g)
         share = p[P_GRAVITY]
         if kind == ACCELERATION_X_THESIS:
@@ -395,7 +395,7 @@ def sparse_row(kind, x, p, aux, hi, hv, g):
         hi[0], hi[1], hi[2], hi[3] = 1, 4, 9, 16
         hv[0], hv[1], hv[2], hv[3] = 2.0 * x[9] * v, -p[P_GRAVITY] * math.sin(x[4]), v * v, 1.0
         return p[P_GRAVITY] * math.cos(x[4]) + x[9] * v * v + x[16], 4
-    if kind == GPS_NORTH or kind == GPS_EAST or kind == GPS_ALTITUDE:
+    if kind in (GPS_NORTH, GPS_EAST, GPS_ALTITUDE, MAP_ALTITUDE):
         a = acceleration(x, p, g)
         way = aux * (v - 0.5 * aux * a)
         sv, sf, st, sk = (
@@ -406,10 +406,12 @@ def sparse_row(kind, x, p, aux, hi, hv, g):
         )
         cos_t, sin_t = math.cos(x[4]), math.sin(x[4])
         hi[0], hi[1], hi[2], hi[3] = 1, 2, 4, 9
-        if kind == GPS_ALTITUDE:
+        if kind in (GPS_ALTITUDE, MAP_ALTITUDE):
             hv[0], hv[1], hv[2], hv[3] = -sv * sin_t, -sf * sin_t, -st * sin_t - way * cos_t, -sk * sin_t
             hi[4], hi[5] = 7, 19
             hv[4], hv[5] = -1.0, 1.0
+            if kind == MAP_ALTITUDE:
+                return -x[7] - way * sin_t, 5
             return -x[7] - way * sin_t + x[19], 6
         heading = x[3] - 0.5 * aux * x[8] * v
         along, across = math.cos(heading), math.sin(heading)
@@ -430,7 +432,7 @@ def sparse_row(kind, x, p, aux, hi, hv, g):
         hi[0], hi[1], hi[2], hi[3] = 1, 2, 4, 9
         hv[0], hv[1], hv[2], hv[3] = 1.0 - aux * g[0], -aux * g[1], -aux * g[2], -aux * g[3]
         return v - aux * a, 4
-    if kind == GPS_COURSE:
+    if kind in (GPS_COURSE, MAP_HEADING):
         hi[0], hi[1], hi[2] = 3, 8, 1
         hv[0], hv[1], hv[2] = 1.0, -aux * v, -aux * x[8]
         return x[3] - aux * x[8] * v, 3
@@ -449,11 +451,8 @@ def sparse_row(kind, x, p, aux, hi, hv, g):
     hv[0] = 1.0
     if kind == DISTANCE:
         hi[0] = 0
-    elif kind == MAP_HEADING or kind == COMPASS:
+    elif kind == COMPASS:
         hi[0] = 3
-    elif kind == MAP_ALTITUDE:
-        hi[0] = 7
-        hv[0] = -1.0
     elif kind == MAP_STRAIGHTNESS:
         hi[0] = 8
     elif kind == PITCH:
@@ -462,7 +461,7 @@ def sparse_row(kind, x, p, aux, hi, hv, g):
         hi[0] = 10
     elif kind == ENGINE_ANGLE:
         hi[0] = 12
-    elif kind == FUEL_POWER or kind == CUT_OFF:
+    elif kind in (FUEL_POWER, CUT_OFF):
         hi[0] = 11
     else:
         hi[0] = 1
@@ -486,7 +485,7 @@ def fuse(kind, z, r, aux, f):
     index = tape_index[tape_index.shape[0] - 1]
     value, size = sparse_row(kind, x, p, aux, index, hv, g)
     nu = z - value
-    if kind == GPS_COURSE or kind == MAP_HEADING or kind == COMPASS:
+    if kind in (GPS_COURSE, MAP_HEADING, COMPASS):
         nu -= WRAP * math.floor(nu / WRAP + 0.5)
     reason = FUSED
     S = r
@@ -516,7 +515,7 @@ def fuse(kind, z, r, aux, f):
                 S = nu * nu / s[S_GATE]
         else:
             mem[M_SINCE + kind] = math.nan
-    if reason == FUSED or reason == REOPENED:
+    if reason in (FUSED, REOPENED):
         inverse = 1.0 / S
         gain = nu * inverse
         for i in range(NX):
@@ -940,11 +939,12 @@ def on_gps(event, t, f):
 
 @njit
 def on_map(event, f):
-    """The passage of a node of the road map: heading, altitude, straightness, each with its deviation."""
-    if math.isfinite(event[2]):
-        fuse(MAP_HEADING, event[2], event[3] ** 2, 0.0, f)
+    """The passage of a node of the road map `event[8]` s ago: heading, altitude, straightness, each with its deviation."""
+    lag = event[8]
+    if math.isfinite(event[2]) and f.memory[M_HEADING_SET] > 0.0:
+        fuse(MAP_HEADING, event[2], event[3] ** 2, lag, f)
     if math.isfinite(event[4]):
-        fuse(MAP_ALTITUDE, event[4], event[5] ** 2, 0.0, f)
+        fuse(MAP_ALTITUDE, event[4], event[5] ** 2, lag, f)
     if math.isfinite(event[6]):
         fuse(MAP_STRAIGHTNESS, event[6], event[7] ** 2, 0.0, f)
 

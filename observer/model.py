@@ -66,7 +66,8 @@ KINDS = (
 """Names of the scalar measurements, by code.
 
 `distance` x_im (m); `acceleration_*` a_im, a_jm, a_km (m/s2); `gps_*` position (m), Doppler speed (m/s, note 4) and
-course (rad); `map_*` DEM_psi (rad), DEM_alt (m), S_j (rad/m); `pitch` theta_m (rad); `injected_energy` INJ_duration (J);
+course (rad); `map_*` DEM_psi (rad), DEM_alt (m), S_j (rad/m); `pitch` theta_m (rad); `injected_energy`
+INJ_duration (J);
 `engine_angle` INJ_time (rad); `pulse_power` the power that one injector pulse stands for (W), through its energy per
 radian: P_in - (energy / angle) omega_e = 0; `fuel_power` (W) and `speed` (m/s) from logs that carry them;
 `silent_wheels` a speed (m/s) and `cut_off` a fuel power (W), told by pulses that do not come;
@@ -141,7 +142,7 @@ def dynamics_jacobian(x: NDArray[np.float64], car: Car) -> NDArray[np.float64]:
 def measurement(kind: int, x: Any, car: Car, aux: float = 0.0, m: ModuleType = math) -> Any:
     """h(x) of the scalar measurement `kind`, in the units of `KINDS`.
 
-    `aux` is the lag in seconds of the `gps_*` kinds (the row says what the receiver reported of the state at
+    `aux` is the lag in seconds of the `gps_*` kinds, of `map_heading` and `map_altitude` (the row is of the state at
     t - lag) and the energy per radian (J/rad) of `pulse_power`; otherwise it is not used.
     """
     v, psi, theta = x[V], x[PSI], x[THETA]
@@ -155,7 +156,7 @@ def measurement(kind: int, x: Any, car: Car, aux: float = 0.0, m: ModuleType = m
         return -x[SJ] * v * v + x[BY]
     if kind == ACCELERATION_Z:
         return car.gravity * m.cos(theta) + x[SK] * v * v + x[BZ]
-    if kind in (GPS_NORTH, GPS_EAST, GPS_ALTITUDE):
+    if kind in (GPS_NORTH, GPS_EAST, GPS_ALTITUDE, MAP_ALTITUDE):
         way = aux * (v - 0.5 * aux * acceleration(x, car, m))
         heading = psi - 0.5 * aux * x[SJ] * v
         if kind == GPS_NORTH:
@@ -165,9 +166,9 @@ def measurement(kind: int, x: Any, car: Car, aux: float = 0.0, m: ModuleType = m
         return -x[D] - way * m.sin(theta)
     if kind == GPS_SPEED:
         return v - aux * acceleration(x, car, m)
-    if kind == GPS_COURSE:
+    if kind in (GPS_COURSE, MAP_HEADING):
         return psi - aux * x[SJ] * v
-    if kind in (MAP_HEADING, COMPASS):
+    if kind == COMPASS:
         return psi
     if kind == PULSE_POWER:
         return x[PIN] - aux * x[OMEGA]
@@ -175,8 +176,6 @@ def measurement(kind: int, x: Any, car: Car, aux: float = 0.0, m: ModuleType = m
         return -x[SJ] * v
     if kind == PITCH_RATE:
         return -x[SK] * v
-    if kind == MAP_ALTITUDE:
-        return -x[D]
     simple = {
         MAP_STRAIGHTNESS: SJ,
         PITCH: THETA,
@@ -203,11 +202,11 @@ def measurement_jacobian(kind: int, x: NDArray[np.float64], car: Car, aux: float
         h[V], h[SJ], h[BY] = -2.0 * x[SJ] * v, -v * v, 1.0
     elif kind == ACCELERATION_Z:
         h[V], h[THETA], h[SK], h[BZ] = 2.0 * x[SK] * v, -car.gravity * math.sin(theta), v * v, 1.0
-    elif kind in (GPS_NORTH, GPS_EAST, GPS_ALTITUDE):
+    elif kind in (GPS_NORTH, GPS_EAST, GPS_ALTITUDE, MAP_ALTITUDE):
         way = aux * (v - 0.5 * aux * acceleration(x, car))
         slope = -0.5 * aux * aux * acceleration_gradient(x, car)
         slope[V] += aux
-        if kind == GPS_ALTITUDE:
+        if kind in (GPS_ALTITUDE, MAP_ALTITUDE):
             h -= slope * math.sin(theta)
             h[THETA] -= way * math.cos(theta)
             h[D] = -1.0
@@ -226,7 +225,7 @@ def measurement_jacobian(kind: int, x: NDArray[np.float64], car: Car, aux: float
     elif kind == GPS_SPEED:
         h -= aux * acceleration_gradient(x, car)
         h[V] += 1.0
-    elif kind == GPS_COURSE:
+    elif kind in (GPS_COURSE, MAP_HEADING):
         h[PSI], h[SJ], h[V] = 1.0, -aux * v, -aux * x[SJ]
     elif kind == PULSE_POWER:
         h[PIN], h[OMEGA] = 1.0, -aux
@@ -234,12 +233,9 @@ def measurement_jacobian(kind: int, x: NDArray[np.float64], car: Car, aux: float
         h[SJ], h[V] = -v, -x[SJ]
     elif kind == PITCH_RATE:
         h[SK], h[V] = -v, -x[SK]
-    elif kind == MAP_ALTITUDE:
-        h[D] = -1.0
     else:
         simple = {
             DISTANCE: X,
-            MAP_HEADING: PSI,
             COMPASS: PSI,
             MAP_STRAIGHTNESS: SJ,
             PITCH: THETA,

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +12,9 @@ from observer.events import prepare, with_grid
 from observer.model import KINDS, OMEGA
 from observer.settings import DEFAULT, ObserverSettings
 from sensors.log import SensorLog
+from sensors.matching import observations
+from sensors.roadmap import RoadMap
 from vehicle_model.car.parameters import Car, Mounting
-
-if TYPE_CHECKING:
-    from sensors.roadmap import RoadMap
 
 RECORD = np.dtype(
     [
@@ -33,7 +31,7 @@ RECORD = np.dtype(
 """One row per scalar measurement: SI units of `observer.model.KINDS`; `reason` is empty where it was simply fused."""
 REASONS = np.array(["", "gate", "not_finite", "reopened", "stuck", "anchor", "poor"])
 """By code of `observer.kernel`: beyond the gate; not a number; fused after a gate had been shut for too long; the
-sensor repeats itself; the first pulse after a silence, which only sets the zero; said by the sensor itself to be poor."""
+sensor repeats itself; the first pulse after a silence, which only sets the zero; said by the sensor to be poor."""
 BIASES = ("bias_x", "bias_y", "bias_z")
 _UNKNOWN = (
     kernel.M_TICK_TIME,
@@ -140,16 +138,17 @@ def records_from(rows: NDArray[np.float64]) -> NDArray:
 def observe(
     log: SensorLog,
     car: Car,
-    road_map: "RoadMap | None" = None,
+    road_map: RoadMap | None = None,
     learnt: Mapping[str, float] | None = None,
     settings: ObserverSettings = DEFAULT,
 ) -> Estimate:
-    """Return the estimate of the trip that `log` holds: causal filter and smoother at 10 Hz, one record per measurement.
+    """Return the estimate of the trip that `log` holds: causal filter and smoother at 10 Hz, and its records.
 
     `learnt` is what an earlier trip's `Estimate.learnt` says (biases in m/s2 and their variances). The filter is the
     CD-EKF of A.3.1.3, the smoother the modified Bryson-Frazier form of the fixed-interval smoother.
     """
-    packets, _ = prepare(log)
+    passages = None if road_map is None else observations(log, road_map, car.metres_per_tick, settings.gps_lag)
+    packets, _ = prepare(log, passages)
     events = with_grid(packets)
     fresh = start(car, settings, learnt, float(events[0, 0]) if len(events) else 0.0)
     codes = events[:, 1].astype(np.intp)
