@@ -1,0 +1,341 @@
+"""Residual channels: what each sensor said less what the replayed simulator, or another sensor, says; block by block.
+
+Channels (value: unit)
+    fuel_power    W      fuel less replay, in blocks of one regime: idle, drive, overrun, launch, open
+    coast_force   N      force that the motion needs less the overrun's, while the fuel is cut: road load without fuel
+    gnss_speed    m/s    receiver's speed less wheel speed
+    gear_ratio    -      engine speed / (gear x wheel speed) - 1
+    idle_speed    rad/s  engine speed at standstill less the declared
+    launch_speed  rad/s  engine speed while the clutch slips at launch
+    shift_time    s      time without a gear, per shift
+    height_gps    m      receiver's altitude less the height that specific force and wheels integrate to
+    height_map    m      the road map's altitude less the same
+    clock_rate    s/s    what the logger's clock gains on the receiver's
+    lag           s      see `gnss_speed`: carried by its acceleration part
+The thrust that a filter infers is no channel: it is built from acceleration and believed resistances, so a force balance
+of it is true by construction. Fuel against required work, and coasting, are independent.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+from scipy.signal import lfilter
+
+from rollingroad.gap.reconstruct import Trace
+from rollingroad.gap.replay import Motion, Replay, replay_vector
+from vehicle_model.car.parameters import Car
+from vehicle_model.plant import kernel as k
+
+Array = NDArray[np.float64]
+
+CHANNELS = (
+    "fuel_power", "coast_force", "gnss_speed", "gear_ratio", "idle_speed", "launch_speed", "shift_time", "height_gps",
+    "height_map", "clock_rate",
+)  # fmt: skip
+REGIMES = ("idle", "drive", "overrun", "launch", "open", "all")
+SQUAT = np.radians(1.0)
+"""rad per g of acceleration: the default box's (CLI.md)."""
+BLOCK = 5.0
+"""s, of the fuel and force blocks."""
+COARSE = 30.0
+"""s, of the fuel blocks where speed and fuel are all there is."""
+LAG = 0.2
+"""s, of the default receiver."""
+BRAKE_LIMIT = 0.28
+"""m/s2: while the fuel is cut, a deceleration that much beyond the overrun's is the brake's."""
+
+
+@dataclass(frozen=True)
+class Samples:
+    """A trip's samples: what the replay needs and what is compared. Arrays (n,)."""
+
+    motion: Motion
+    fuel: Array
+    regime: NDArray[np.int64]
+    """Index into REGIMES, -1 where the fuel tells nothing."""
+    coasting: NDArray[np.bool_]
+    bias: float
+    bias_sd: float
+    """m/s2: forward accelerometer bias that the receiver's altitude shows."""
+    height: Array
+    """m, integrated from specific force with no bias."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Which samples make which block, (m,) blocks in all; fixed once from the unperturbed trip."""
+
+    channel: NDArray[np.int64]
+    regime: NDArray[np.int64]
+    time: Array
+    """s since the trip began, middle of the block."""
+    distance: Array
+    sigma: Array
+    """A first idea of each block's deviation."""
+    parts: dict[str, tuple[NDArray, NDArray, NDArray]]
+    """channel -> (sample or fix index, block number within the channel, count per block)."""
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A trip, ready to be compared with any setting of the simulator."""
+
+    name: str
+    trace: Trace
+    samples: Samples
+    layout: Layout
+    start: float
+
+
+def motion_of(trace: Trace, car: Car, idle_speed: float) -> tuple[Motion, Array, float, float]:
+    """The trip's motion; the integrated height; the bias and its deviation."""
+    t = trace.time - trace.time[0]
+    v, a = trace.speed, trace.acceleration
+    s = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * trace.step)])
+    g = car.gravity
+    if np.isfinite(trace.force).mean() > 0.9:
+        raw = np.interp(t, t[np.isfinite(trace.force)], trace.force[np.isfinite(trace.force)]) - SQUAT * a
+        height = np.concatenate([[0.0], np.cumsum((v * (raw - a))[1:] * trace.step)]) / g
+        bias, bias_sd = _bias(trace, s, height, g)
+        force = raw - bias
+    else:
+        height = np.zeros(len(t))
+        bias, bias_sd = 0.0, 0.0
+        force = a + g * _map_grade(trace, s)
+    omega = trace.engine_speed.copy()
+    gear = trace.gear
+    if not np.isfinite(omega).any():
+        omega, gear = _assumed_gears(v, a, car)
+    ratio = np.asarray(car.gear_ratios)[np.maximum(gear, 1) - 1] / car.wheel_radius
+    omega = np.where(np.isfinite(omega), omega, np.where(gear > 0, v * ratio, idle_speed))
+    burnt = np.cumsum(np.nan_to_num(trace.fuel)) * trace.step
+    braking = (a < -0.8).astype(float)
+    heat = lfilter([0.5 * trace.step], [1.0, -(1.0 - trace.step / 60.0)], braking)
+    width = max(1, round(1.0 / trace.step))
+    smooth = uniform_filter1d(force, width)
+    motion = Motion(
+        t, s, v, uniform_filter1d(a, width), smooth, np.maximum(omega, 0.5 * idle_speed), gear, trace.heading,
+        uniform_filter1d(trace.curvature, width), burnt, np.minimum(heat, 1.0),
+    )  # fmt: skip
+    return motion, height, bias, bias_sd
+
+
+def _bias(trace: Trace, s: Array, height: Array, g: float) -> tuple[float, float]:
+    """Bias by generalised least squares of the receiver's altitude (else the map's) on c - b s / g."""
+    if trace.gps and np.isfinite(trace.gps["altitude"]).sum() > 100:
+        t = trace.gps["t"] - LAG
+        y_all, noise, tau, white = trace.gps["altitude"], 3.5, 200.0, 0.3
+    elif np.isfinite(trace.map_altitude).sum() > 100:
+        t, y_all, noise, tau, white = trace.time, trace.map_altitude, 1.0, 5.0, 0.3
+    else:
+        return float(np.nanmedian(trace.force - trace.acceleration)), 0.1
+    edges = np.arange(t[0], t[-1], 10.0)
+    which = np.digitize(t, edges) - 1
+    good = np.isfinite(y_all)
+    count = np.bincount(which[good], minlength=len(edges))
+    keep = count > 5
+    middle = (edges + 5.0)[keep]
+    y = (np.bincount(which[good], y_all[good], minlength=len(edges)) / np.maximum(count, 1))[keep]
+    y = y - np.interp(middle, trace.time, height)
+    x = np.stack([np.ones(len(middle)), -np.interp(middle, trace.time, s) / g], axis=1)
+    gap = np.abs(middle[:, None] - middle[None, :])
+    walk = 0.05**2 * np.minimum.outer(middle - middle[0], middle - middle[0])
+    cov = noise**2 * np.exp(-gap / tau) + white**2 * np.eye(len(middle)) + walk
+    solve = np.linalg.solve(cov, np.column_stack([x, y]))
+    normal = x.T @ solve[:, :2] + np.diag([1e-6, 1.0 / 0.5**2])
+    value = np.linalg.solve(normal, x.T @ solve[:, 2])
+    return float(value[1]), float(np.sqrt(np.linalg.inv(normal)[1, 1]))
+
+
+def _map_grade(trace: Trace, s: Array) -> Array:
+    """Grade from an altitude over distance, smoothed over some 300 m; zero where none is known."""
+    h = trace.map_altitude
+    good = np.isfinite(h)
+    if good.sum() < 50:
+        return np.zeros(len(s))
+    at = np.arange(0.0, s[-1], 10.0)
+    if len(at) < 40:
+        return np.zeros(len(s))
+    level = uniform_filter1d(uniform_filter1d(np.interp(at, s[good], h[good]), 15), 15)
+    return np.interp(s, at, np.gradient(level, 10.0))
+
+
+def _assumed_gears(v: Array, a: Array, car: Car) -> tuple[Array, NDArray[np.int64]]:
+    """Engine speed and gear of a driver who keeps the engine a little above 1,500 rpm, more when he accelerates."""
+    ratios = np.asarray(car.gear_ratios) / car.wheel_radius
+    wish = 150.0 + 60.0 * np.clip(a, 0.0, 2.0)
+    gear = np.ones(len(v), int)
+    for number in range(2, len(ratios) + 1):
+        gear = np.where(v * ratios[number - 1] > wish, number, gear)
+    omega = np.maximum(v * ratios[gear - 1], car.engine.idle_speed)
+    return omega, np.where(v > 2.0, gear, 0)
+
+
+def prepare(trace: Trace, car: Car, vector: Array) -> Prepared:
+    """Return the trip of `trace` with its regimes and blocks; `vector` is the nominal plant's (`plant_parameters`)."""
+    motion, height, bias, bias_sd = motion_of(trace, car, float(vector[k.P_IDLE]))
+    nominal = replay_vector(vector, motion)
+    coarse = not np.isfinite(trace.engine_speed).any()
+    regime = _regimes(trace, motion, nominal, car, vector, coarse)
+    excess = (nominal.road_force - nominal.overrun_force) / car.mass
+    held = trace.cut & (motion.gear > 0) & (motion.speed > 4.0)
+    calm = uniform_filter1d(held.astype(float), 7) > 0.99
+    coasting = calm & (np.abs(uniform_filter1d(excess, 5)) < BRAKE_LIMIT)
+    samples = Samples(motion, trace.fuel, regime, coasting, bias, bias_sd, height)
+    return Prepared(trace.name, trace, samples, _layout(trace, samples, nominal, car, coarse), float(trace.time[0]))
+
+
+def _regimes(
+    trace: Trace, m: Motion, nominal: Replay, car: Car, vector: Array, coarse: bool
+) -> NDArray[np.int64]:
+    known = np.isfinite(trace.fuel) & ~trace.saturated
+    if coarse:
+        return np.where(known, REGIMES.index("all"), -1)
+    locked = m.gear > 0
+    settled = uniform_filter1d(locked.astype(float), 5) > 0.99
+    peak = car.engine.max_torque
+    drive = settled & ~trace.cut & (nominal.engine_torque > 0.04 * peak)
+    overrun = settled & (nominal.engine_torque < 0.8 * nominal.overrun) & (m.engine_speed > vector[k.P_CUT_RESUME] + 20.0)
+    overrun &= uniform_filter1d(overrun.astype(float), 9) > 0.99
+    idle = (uniform_filter1d(m.speed, 5) < 0.05) & ~trace.cut
+    launch = ~locked & (m.acceleration > 0.2) & (m.speed > 0.3) & (m.speed < 6.0) & ~trace.cut
+    opened = ~locked & ~launch & ~idle & (m.speed > 0.5) & ~trace.cut
+    out = np.full(len(m.time), -1)
+    for name, mask in (("open", opened), ("launch", launch), ("drive", drive), ("overrun", overrun), ("idle", idle)):
+        out[mask & known] = REGIMES.index(name)
+    return out
+
+
+def _layout(trace: Trace, samples: Samples, nominal: Replay, car: Car, coarse: bool) -> Layout:
+    m = samples.motion
+    columns: dict[str, list] = {"channel": [], "regime": [], "time": [], "distance": [], "sigma": []}
+    parts = {}
+
+    def add(channel: str, index: NDArray, label: NDArray, time: Array, regime: NDArray, sigma: Array, least: int) -> None:
+        """Blocks of samples `index` that share `label`; `time`, `regime`, `sigma` per sample."""
+        if not len(index):
+            return
+        _, number, count = np.unique(label, return_inverse=True, return_counts=True)
+        keep = count[number] >= least
+        index, number = index[keep], number[keep]
+        if not len(index):
+            return
+        _, number, count = np.unique(number, return_inverse=True, return_counts=True)
+        parts[channel] = (index, number, count)
+
+        def mean(x: Array) -> Array:
+            return np.bincount(number, x[keep]) / count
+
+        columns["channel"].append(np.full(len(count), CHANNELS.index(channel)))
+        columns["regime"].append(np.round(mean(regime.astype(float))).astype(int))
+        columns["time"].append(mean(time))
+        columns["distance"].append(np.interp(mean(time), m.time, m.distance))
+        columns["sigma"].append(np.sqrt(np.bincount(number, sigma[keep] ** 2)) / np.sqrt(count))
+
+    step = trace.step
+    span = COARSE if coarse else BLOCK
+    block = (m.time / span).astype(int)
+    index = np.flatnonzero(samples.regime >= 0)
+    label = block[index] * 16 + samples.regime[index]
+    force = 0.012 * car.mass + 10.0
+    slope = 2.7
+    sigma = np.sqrt((force * slope * m.speed) ** 2 + (0.012 * np.nan_to_num(samples.fuel)) ** 2 + 150.0**2)
+    sigma = sigma * np.where(np.isin(samples.regime, [REGIMES.index("launch"), REGIMES.index("open")]), 4.0, 1.0)
+    full = np.maximum(span / step, 1.0)
+    count = np.bincount(np.unique(label, return_inverse=True)[1]) if len(label) else np.zeros(0)
+    share = count[np.unique(label, return_inverse=True)[1]] / full if len(label) else np.zeros(0)
+    blocksigma = sigma[index] / np.sqrt(np.maximum(share, 0.02))
+    add("fuel_power", index, label, m.time[index], samples.regime[index], blocksigma, max(2, round(0.8 / step)))
+    if not coarse:
+        index = np.flatnonzero(samples.coasting)
+        run = np.cumsum(np.append(True, np.diff(index) > 1)) if len(index) else index
+        label = run * 10_000 + block[index]
+        add("coast_force", index, label, m.time[index], np.full(len(index), 2), np.full(len(index), 1.6 * force), 5)
+        index = np.flatnonzero(samples.regime == REGIMES.index("drive"))
+        add("gear_ratio", index, block[index], m.time[index], np.full(len(index), 1), np.full(len(index), 0.002), 8)
+        index = np.flatnonzero(samples.regime == REGIMES.index("idle"))
+        add("idle_speed", index, block[index], m.time[index], np.full(len(index), 0), np.full(len(index), 2.0), 10)
+        launches = _events(samples.regime == REGIMES.index("launch"), 4, 60)
+        shifts = _events((m.gear == 0) & ~trace.cut & (m.speed > 3.5), 2, 12)
+        for name, (index, label), sigma in (("launch_speed", launches, 12.0), ("shift_time", shifts, 0.25)):
+            regime = np.full(len(index), 3 if name == "launch_speed" else 4)
+            add(name, index, label, m.time[index], regime, np.full(len(index), sigma), 1)
+    if trace.gps and len(trace.gps["t"]) > 100:
+        at = trace.gps["t"] - trace.time[0]
+        wheel = np.interp(at - LAG, m.time, m.speed)
+        rate = np.interp(at - LAG, m.time, np.abs(m.acceleration))
+        index = np.flatnonzero((wheel > 3.0) & np.isfinite(trace.gps["speed"]) & (at > 2) & (at < m.time[-1] - 2) & (rate < 2.5))
+        add("gnss_speed", index, at[index].astype(int), at[index], np.full(len(index), 1), np.full(len(index), 0.06), 2)
+        if np.isfinite(trace.force).mean() > 0.9:
+            for name, column in (("height_gps", "altitude"), ("height_map", "map_altitude")):
+                index = np.flatnonzero(np.isfinite(trace.gps[column]) & (at > 2) & (at < m.time[-1] - 2))
+                add(name, index, (at[index] / 10).astype(int), at[index], np.full(len(index), 1), np.ones(len(index)), 5)
+    stacked = {name: np.concatenate(rows) if rows else np.zeros(0) for name, rows in columns.items()}
+    if "gps" in trace.clock:
+        deviation = np.hypot(trace.clock["gps_sd"], 12e-6)
+        rows = {"channel": CHANNELS.index("clock_rate"), "regime": 1, "time": m.time[-1], "distance": m.distance[-1]}
+        stacked = {n: np.append(x, deviation if n == "sigma" else rows[n]) for n, x in stacked.items()}
+    return Layout(
+        stacked["channel"].astype(int), stacked["regime"].astype(int), stacked["time"], stacked["distance"], stacked["sigma"], parts
+    )
+
+
+def _events(mask: NDArray[np.bool_], shortest: int, longest: int) -> tuple[NDArray, NDArray]:
+    """Samples of each run of `mask` between `shortest` and `longest` samples long, and the run's number."""
+    change = np.diff(np.concatenate([[0], mask.astype(int), [0]]))
+    starts, ends = np.flatnonzero(change == 1), np.flatnonzero(change == -1)
+    keep = (ends - starts >= shortest) & (ends - starts <= longest)
+    index = [np.arange(a, b) for a, b in zip(starts[keep], ends[keep], strict=True)]
+    label = [np.full(len(rows), n) for n, rows in enumerate(index)]
+    return (np.concatenate(index), np.concatenate(label)) if index else (np.zeros(0, int), np.zeros(0, int))
+
+
+def values(p: Prepared, car: Car, vector: Array) -> Array:
+    """Residual of each block, (m,): measured less replay under the plant's `vector`."""
+    s, trace, layout = p.samples, p.trace, p.layout
+    nominal = replay_vector(vector, s.motion)
+    out = np.zeros(len(layout.time))
+    m = s.motion
+
+    def put(channel: str, sample: Array) -> None:
+        part = layout.parts.get(channel)
+        if part is not None:
+            index, number, count = part
+            out[layout.channel == CHANNELS.index(channel)] = np.bincount(number, sample[index]) / count
+
+    put("fuel_power", np.nan_to_num(s.fuel) - nominal.fuel)
+    put("coast_force", nominal.overrun_force - nominal.road_force)
+    ratio = vector[k.P_RATIO + np.maximum(m.gear, 1)] / car.wheel_radius
+    put("gear_ratio", m.engine_speed / np.maximum(m.speed * ratio, 1.0) - 1.0)
+    put("idle_speed", m.engine_speed - nominal.idle_speed)
+    put("launch_speed", m.engine_speed - nominal.launch_speed)
+    part = layout.parts.get("shift_time")
+    if part is not None:
+        out[layout.channel == CHANNELS.index("shift_time")] = part[2] * trace.step - nominal.shift_time
+    if trace.gps:
+        at = trace.gps["t"] - trace.time[0]
+        put("gnss_speed", trace.gps["speed"] - np.interp(at - LAG, m.time, m.speed))
+        level = np.interp(at - LAG, m.time, s.height)
+        put("height_gps", trace.gps["altitude"] - level)
+        put("height_map", trace.gps["map_altitude"] - level)
+    if "gps" in trace.clock:
+        out[layout.channel == CHANNELS.index("clock_rate")] = trace.clock["gps"]
+    return out
+
+
+def block_means(p: Prepared, channel: str, sample: Array) -> Array:
+    """(m,) zero but for the blocks of `channel`, which hold the mean of `sample` ((n,) samples, or fixes) over each."""
+    out = np.zeros(len(p.layout.time))
+    part = p.layout.parts.get(channel)
+    if part is not None:
+        index, number, count = part
+        out[p.layout.channel == CHANNELS.index(channel)] = np.bincount(number, sample[index]) / count
+    return out
+
+
+def resensed(p: Prepared, trace: Trace, car: Car, vector: Array) -> Prepared:
+    """The same trip and blocks with another `trace`: what a sensor's departure makes of the channels."""
+    motion, height, bias, bias_sd = motion_of(trace, car, float(vector[k.P_IDLE]))
+    return replace(p, trace=trace, samples=replace(p.samples, motion=motion, height=height, fuel=trace.fuel, bias=bias))

@@ -1,0 +1,227 @@
+"""What may move the residuals without being a gap: the engine's own map, tolerances, each trip's weather and biases.
+
+Columns over all blocks of all trips. `calibration` columns are fitted to the reference trips and then frozen (their
+posterior stays as uncertainty); `tolerance` columns are the nominal parameters inside their declared limits, free again
+in every diagnosis; `trip` columns are what differs from one trip to the next. A limit d is taken as a uniform law, so
+its deviation is d / sqrt(3).
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rollingroad.gap.channels import CHANNELS, REGIMES, Prepared, block_means, values
+from rollingroad.gap.replay import replay_vector
+from vehicle_model.car.parameters import Car
+from vehicle_model.plant import kernel as k
+from vehicle_model.plant.parameters import plant_parameters
+
+Array = NDArray[np.float64]
+FUEL, COAST, GNSS, RATIO, IDLE, LAUNCH, SHIFT, HEIGHT_GPS, HEIGHT_MAP, CLOCK = range(len(CHANNELS))
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Named columns (m, k) over the blocks of one trip or of all, with prior means zero and deviations `sd` (k,)."""
+
+    names: tuple[str, ...]
+    matrix: Array
+    sd: Array
+
+    @staticmethod
+    def of(rows: Sequence[tuple[str, Array, float]], blocks: int) -> "Columns":
+        """From (name, column, deviation) rows."""
+        if not rows:
+            return Columns((), np.zeros((blocks, 0)), np.zeros(0))
+        names, columns, sd = zip(*rows, strict=True)
+        return Columns(tuple(names), np.stack(columns, axis=1), np.array(sd, float))
+
+
+def calibration_columns(p: Prepared, car: Car, vector: Array) -> Columns:
+    """The correction of the engine's map, overrun, idle and of the constant offsets of the sensors, for one trip."""
+    m = p.samples.motion
+    nominal = replay_vector(vector, m)
+    peak = car.engine.max_torque
+    x = m.engine_speed / 250.0 - 1.0
+    y = np.clip(nominal.engine_torque / peak, -0.2, 1.3)
+    bar = car.engine.displacement / (4.0 * np.pi) * 1e5 * m.engine_speed
+    regime = p.samples.regime
+    drive = (regime == REGIMES.index("drive")) | ((regime == REGIMES.index("all")) & (nominal.engine_torque > 0) & (m.speed > 0.5))
+    idle = (regime == REGIMES.index("idle")) | ((regime == REGIMES.index("all")) & (m.speed <= 0.5))
+    other = (regime == REGIMES.index("all")) & ~drive & ~idle
+    rows: list[tuple[str, Array, float]] = []
+
+    def fuel(name: str, sample: Array, sd: float) -> None:
+        rows.append((f"map.{name}", block_means(p, "fuel_power", sample), sd))
+
+    for i, (power_x, power_y, sd) in enumerate(
+        ((0, 0, 1.5), (1, 0, 1.0), (2, 0, 0.6), (0, 1, 6.0), (1, 1, 3.0), (2, 1, 2.0), (0, 2, 4.0), (1, 2, 2.0), (0, 3, 3.0))
+    ):
+        fuel(f"poly{i}", drive * bar * x**power_x * y**power_y, sd)
+    for gx in (-0.5, 0.0, 0.5):
+        for gy in (0.1, 0.3, 0.5, 0.75, 1.0):
+            bump = np.exp(-0.5 * ((x - gx) / 0.3) ** 2 - 0.5 * ((y - gy) / 0.18) ** 2)
+            fuel(f"bump{gx:g},{gy:g}", drive * bar * bump, 0.5 + 1.0 * gy)
+    work = np.maximum(nominal.road_force, 0.0) * m.speed
+    for gear in range(1, len(car.gear_ratios) + 1):
+        fuel(f"gear{gear}", drive * (m.gear == gear) * work * 2.7, 0.02)
+        fuel(f"drag{gear}", drive * (m.gear == gear) * m.speed * 2.7, 15.0)
+    fuel("idle", idle.astype(float), 4000.0)
+    fuel("inertia", drive * bar * m.acceleration, 0.4)
+    for name in ("launch", "open", "overrun"):
+        mask = regime == REGIMES.index(name)
+        fuel(f"{name}", mask * bar, 4.0)
+        fuel(f"{name}_torque", mask * bar * np.clip(m.acceleration, -2.0, 2.0), 4.0)
+    fuel("coarse_overrun", other * bar, 2.0)
+    lever = np.asarray(car.gear_ratios)[np.maximum(m.gear, 1) - 1] / car.wheel_radius
+    for power in range(3):
+        rows.append((f"overrun.{power}", block_means(p, "coast_force", lever * x**power), (6.0, 4.0, 2.0)[power]))
+    rows.append(("overrun.speed", block_means(p, "coast_force", m.speed), 2.0))
+    rows.append(("overrun.force", block_means(p, "coast_force", np.ones_like(x)), 25.0))
+    ones = np.ones_like(x)
+    rows.append(("ratio.offset", block_means(p, "gear_ratio", ones), 0.02))
+    for gear in range(1, len(car.gear_ratios) + 1):
+        rows.append((f"ratio.{gear}", block_means(p, "gear_ratio", (m.gear == gear).astype(float)), 0.004))
+    rows.append(("ratio.force", block_means(p, "gear_ratio", nominal.road_force / 1000.0), 0.01))
+    rows.append(("idle_speed.offset", block_means(p, "idle_speed", ones), 15.0))
+    rows.append(("launch_speed.offset", block_means(p, "launch_speed", ones), 200.0))
+    rows.append(("shift_time.offset", block_means(p, "shift_time", ones), 1.0))
+    if p.trace.gps:
+        at = p.trace.gps["t"] - p.trace.time[0]
+        a, v, f = (np.interp(at - 0.2, m.time, c) for c in (m.acceleration, m.speed, nominal.road_force))
+        rows.append(("gnss.lag", block_means(p, "gnss_speed", -a), 0.06))
+        rows.append(("gnss.scale", block_means(p, "gnss_speed", v), 0.0012))
+        rows.append(("gnss.offset", block_means(p, "gnss_speed", np.ones_like(v)), 0.03))
+        rows.append(("gnss.slip", block_means(p, "gnss_speed", -f * v / 1000.0), 0.006))
+        s = np.interp(at - 0.2, m.time, m.distance) / car.gravity
+        lift = v**2 / 2.0 / car.gravity
+        both = block_means(p, "height_gps", s) + block_means(p, "height_map", s)
+        rows.append(("bias_x", both, 0.5))
+        rows.append(("squat", block_means(p, "height_gps", lift) + block_means(p, "height_map", lift), 0.01))
+    return Columns.of(rows, len(p.layout.time))
+
+
+TOLERANCE_SETTINGS: Mapping[str, str] = {
+    "mass": "mass.factor",
+    "rolling_resistance": "rolling_resistance.factor",
+    "drag_area": "drag_area.factor",
+    "air_density": "air_density.factor",
+}
+
+
+def tolerance_columns(p: Prepared, car: Car, vector: Array, base: Array) -> Columns:
+    """Nominal parameters inside their limits, for one trip; `base` (m,) the residuals at nominal."""
+    t = car.tolerances
+    root = np.sqrt(3.0)
+    rows: list[tuple[str, Array, float]] = []
+    for name, key in TOLERANCE_SETTINGS.items():
+        step = 0.02
+        moved = values(p, car, plant_parameters(car, {key: 1.0 + step}))
+        rows.append((f"tolerance.{name}", (base - moved) / step, getattr(t, name) / root))
+    measured = block_means(p, "fuel_power", np.nan_to_num(p.samples.fuel))
+    rows.append(("tolerance.fuel", measured, t.fuel / root))
+    v = block_means(p, "gnss_speed", _at_fixes(p, p.samples.motion.speed)) if p.trace.gps else np.zeros(len(base))
+    rows.append(("tolerance.wheel_radius", v, t.wheel_radius / root))
+    return Columns.of(rows, len(base))
+
+
+def trip_columns(p: Prepared, car: Car, vector: Array, base: Array, coarse: bool) -> Columns:
+    """What this trip alone may have: wind, density, accelerometer bias, a little fuel, clock alignment."""
+    root = np.sqrt(3.0)
+    rows: list[tuple[str, Array, float]] = []
+    m = p.samples.motion
+    if np.isfinite(m.heading).mean() > 0.5:
+        for name, bearing in (("wind_n", 0.0), ("wind_e", np.pi / 2)):
+            moved = values(p, car, plant_parameters(car, {"head_wind.speed": 2.0, "head_wind.from": bearing}))
+            rows.append((name, (base - moved) / 2.0, car.tolerances.wind / root))
+    elif not coarse:
+        moved = values(p, car, plant_parameters(car, {"head_wind.speed": 2.0}))
+        rows.append(("wind", (base - moved) / 2.0, car.tolerances.wind / root))
+    if p.samples.bias_sd > 0.0:
+        shifted = replace(p, samples=replace(p.samples, motion=replace(m, force=m.force + 0.02)))
+        change = values(shifted, car, vector) - base
+        rows.append(("force_bias", change / 0.02, float(np.hypot(p.samples.bias_sd, 0.0015))))
+        s = _at_fixes(p, m.distance) / car.gravity if p.trace.gps else np.zeros(0)
+        if p.trace.gps:
+            rows.append(("height_bias", block_means(p, "height_gps", s) + block_means(p, "height_map", s), 0.015))
+    if p.trace.gps:
+        ones = np.ones(len(p.trace.gps["t"]))
+        rows.append(("height_gps", block_means(p, "height_gps", ones), 500.0))
+        rows.append(("height_map", block_means(p, "height_map", ones), 500.0))
+        rows.append(("fix_time", block_means(p, "gnss_speed", -_at_fixes(p, m.acceleration)), 0.012))
+    fuel = block_means(p, "fuel_power", np.nan_to_num(p.samples.fuel))
+    rows.append(("trip_fuel", fuel, 0.025 / root * 1.5 if coarse else 0.0015))
+    rows.append(("trip_load", block_means(p, "fuel_power", np.ones(len(m.time))), 100.0))
+    return Columns.of(rows, len(base))
+
+
+def _at_fixes(p: Prepared, sample: Array) -> Array:
+    at = p.trace.gps["t"] - p.trace.time[0]
+    return np.interp(at - 0.2, p.samples.motion.time, sample)
+
+
+# --- noise ------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Per channel: factor on the layout's first idea, share that is correlated, and over which time (s)."""
+
+    scale: Array
+    correlated: Array
+    time: Array
+
+
+def default_noise() -> Noise:
+    """Before any reference trip has been seen."""
+    correlated = np.array([0.35, 0.3, 0.15, 0.4, 0.3, 0.2, 0.0, 0.0, 0.0, 0.0])
+    time = np.array([40.0, 120.0, 6.0, 60.0, 60.0, 60.0, 1.0, 200.0, 8.0, 1.0])
+    return Noise(np.ones(len(CHANNELS)), correlated, time)
+
+
+def whitener(p: Prepared, noise: Noise) -> Callable[[Array], Array]:
+    """Return the function that turns (m,) or (m, k) over the trip's blocks into independent units of deviation."""
+    layout = p.layout
+    pieces: list[tuple[NDArray, Array]] = []
+    heights = np.flatnonzero((layout.channel == HEIGHT_GPS) | (layout.channel == HEIGHT_MAP))
+    if len(heights):
+        pieces.append((heights, np.linalg.cholesky(_height_covariance(layout, heights, noise))))
+    for number in range(len(CHANNELS)):
+        index = np.flatnonzero(layout.channel == number)
+        if number in (HEIGHT_GPS, HEIGHT_MAP) or not len(index):
+            continue
+        share, tau = noise.correlated[number], noise.time[number]
+        sigma = layout.sigma[index] * noise.scale[number]
+        gap = np.abs(layout.time[index][:, None] - layout.time[index][None, :])
+        covariance = share * np.exp(-gap / tau)
+        if number == FUEL:  # what the map does wrong in one regime says nothing of another
+            regime = layout.regime[index]
+            covariance = covariance * (regime[:, None] == regime[None, :])
+        covariance[np.diag_indices(len(index))] += 1.0 - share
+        covariance *= sigma[:, None] * sigma[None, :]
+        pieces.append((index, np.linalg.cholesky(covariance)))
+
+    def apply(x: Array) -> Array:
+        from scipy.linalg import solve_triangular
+
+        out = np.zeros_like(x)
+        for index, factor in pieces:
+            out[index] = solve_triangular(factor, x[index], lower=True, check_finite=False)
+        return out
+
+    return apply
+
+
+def _height_covariance(layout, index: NDArray, noise: Noise) -> Array:
+    """Receiver: slow error; map: its own; both: the walk that integrating the accelerometer's noise makes."""
+    t = layout.time[index]
+    gps = layout.channel[index] == HEIGHT_GPS
+    gap = np.abs(t[:, None] - t[None, :])
+    both_gps = gps[:, None] & gps[None, :]
+    both_map = ~gps[:, None] & ~gps[None, :]
+    covariance = 0.05**2 * np.minimum.outer(t, t)
+    covariance += both_gps * noise.scale[HEIGHT_GPS] ** 2 * (3.5**2 * np.exp(-gap / 200.0) + 0.3**2 * (gap == 0))
+    covariance += both_map * noise.scale[HEIGHT_MAP] ** 2 * (1.0**2 * np.exp(-gap / 8.0) + 0.3**2 * (gap == 0))
+    return covariance

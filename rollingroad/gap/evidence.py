@@ -1,0 +1,381 @@
+"""Evidence for each hypothesis: nothing, one effect, two, or something that the catalogue does not hold.
+
+Linear and Gaussian throughout, after the signatures: with whitened residuals y, nuisance columns N (map, tolerances,
+weather) of known prior and effect columns S of prior deviation s, the evidence is closed form. Everything needed is in
+one Gram matrix per trip, so that held-out trips, pairs and cross-validation are sums of small matrices.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rollingroad.gap import generic
+from rollingroad.gap.channels import CHANNELS, Prepared, values
+from rollingroad.gap.design import (
+    Columns,
+    Noise,
+    calibration_columns,
+    default_noise,
+    tolerance_columns,
+    trip_columns,
+    whitener,
+)
+from rollingroad.gap.signatures import Context, Variant
+from vehicle_model.car.parameters import Car
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Trip:
+    """One trip's columns over its blocks, not yet whitened."""
+
+    p: Prepared
+    y: Array
+    calibration: Columns
+    tolerance: Columns
+    own: Columns
+    effects: Array
+    generic: Array
+
+
+@dataclass(frozen=True)
+class Library:
+    """What may be named: variants and regressors, and where their columns stand."""
+
+    variants: tuple[Variant, ...]
+    regressors: tuple[generic.Regressor, ...]
+
+    @property
+    def places(self) -> list[slice]:
+        """Columns of each variant within the effects' block."""
+        ends = np.cumsum([0] + [len(v.columns) for v in self.variants])
+        return [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+
+    @property
+    def sd(self) -> Array:
+        """Prior deviation of every effect column."""
+        return np.array([c.sd for v in self.variants for c in v.columns])
+
+
+def columns_of(p: Prepared, car: Car, vector: Array, library: Library, *, coarse: bool) -> Trip:
+    """Compute every column of one trip: the costly part."""
+    base = values(p, car, vector)
+    context = Context(p, car, vector, base)
+    effects = [v.make(context) for v in library.variants]
+    return Trip(
+        p, base, calibration_columns(p, car, vector), tolerance_columns(p, car, vector, base),
+        trip_columns(p, car, vector, base, coarse), np.concatenate(effects, axis=1), generic.columns(context),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Order of the shared columns of a Gram matrix; the residual itself is the last."""
+
+    calibration: tuple[str, ...]
+    calibration_sd: Array
+    tolerance: tuple[str, ...]
+    tolerance_sd: Array
+    effects: int
+    generics: int
+
+    @property
+    def nuisance(self) -> int:
+        """Number of nuisance columns; they stand first."""
+        return len(self.calibration) + len(self.tolerance)
+
+
+def layout_of(trips: Sequence[Trip]) -> Layout:
+    """The union of the trips' column names, in order."""
+
+    def union(kind: str) -> tuple[tuple[str, ...], Array]:
+        seen: dict[str, float] = {}
+        for trip in trips:
+            columns: Columns = getattr(trip, kind)
+            for name, sd in zip(columns.names, columns.sd, strict=True):
+                seen.setdefault(name, float(sd))
+        return tuple(seen), np.array(list(seen.values()))
+
+    names, sd = union("calibration")
+    tolerance, tolerance_sd = union("tolerance")
+    return Layout(names, sd, tolerance, tolerance_sd, trips[0].effects.shape[1], trips[0].generic.shape[1])
+
+
+def stack(trip: Trip, layout: Layout) -> Array:
+    """All shared columns and the residual, (m, K + 1)."""
+
+    def placed(columns: Columns, names: tuple[str, ...]) -> Array:
+        out = np.zeros((len(trip.y), len(names)))
+        index = [names.index(name) for name in columns.names]
+        out[:, index] = columns.matrix
+        return out
+
+    return np.concatenate(
+        [
+            placed(trip.calibration, layout.calibration), placed(trip.tolerance, layout.tolerance), trip.effects,
+            trip.generic, trip.y[:, None],
+        ],
+        axis=1,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Whitened:
+    """A trip in units of its noise, its own nuisance projected out of `gram` (K + 1, K + 1)."""
+
+    rows: Array
+    own: Array
+    own_sd: Array
+    gram: Array
+
+
+def whiten(trip: Trip, layout: Layout, noise: Noise) -> Whitened:
+    """Whiten one trip and marginalise what it alone may have."""
+    apply = whitener(trip.p, noise)
+    both = apply(np.concatenate([stack(trip, layout), trip.own.matrix], axis=1))
+    rows, own = both[:, : -trip.own.matrix.shape[1] or None], both[:, both.shape[1] - trip.own.matrix.shape[1] :]
+    scaled = own * trip.own.sd
+    middle = np.linalg.inv(np.eye(scaled.shape[1]) + scaled.T @ scaled)
+    cross = scaled.T @ rows
+    return Whitened(rows, own, trip.own.sd, rows.T @ rows - cross.T @ middle @ cross)
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What the reference trips say of the calibration columns: information matrix and vector, and the noise."""
+
+    information: Array
+    vector: Array
+    noise: Noise
+    dispersion: float
+    trips: int
+
+    @property
+    def mean(self) -> Array:
+        """Posterior mean of the calibration's coefficients."""
+        return np.linalg.solve(self.information, self.vector)
+
+
+def _information(gram: Array, layout: Layout, scale: float = 1.0) -> tuple[Array, Array]:
+    """Information on the calibration, tolerances marginalised."""
+    n, c = layout.nuisance, len(layout.calibration)
+    prior = np.concatenate([(layout.calibration_sd * scale) ** -2.0, layout.tolerance_sd**-2.0])
+    a = gram[:n, :n] + np.diag(prior)
+    b = gram[:n, -1]
+    inner = np.linalg.inv(a[c:, c:])
+    return a[:c, :c] - a[:c, c:] @ inner @ a[c:, :c], b[:c] - a[:c, c:] @ inner @ b[c:]
+
+
+NO_REFERENCE = 0.12
+"""Without reference trips the simulator's own map is what is compared: the correction keeps this share of its freedom."""
+KEPT = ("bias_x", "gnss.lag", "gnss.scale", "launch_speed.offset", "shift_time.offset", "squat")
+"""Calibration columns of the box and of the driver's habits, which are free without references too."""
+
+
+def calibrate(reference: Sequence[Trip], layout: Layout, library: Library) -> Calibration:
+    """Fit the correction to the reference trips, and the noise to what each leaves when the others predict it."""
+    noise = default_noise()
+    if not reference:
+        free = np.array([1.0 if name in KEPT or name.startswith("launch") else NO_REFERENCE for name in layout.calibration])
+        sd = layout.calibration_sd * free
+        return Calibration(np.diag(sd**-2.0), np.zeros(len(sd)), noise, 1.3, 0)
+    for _ in range(2):
+        done = [whiten(trip, layout, noise) for trip in reference]
+        if len(done) > 1:
+            noise = _rescaled(noise, reference, done, layout)
+    done = [whiten(trip, layout, noise) for trip in reference]
+    total = sum((w.gram for w in done), np.zeros_like(done[0].gram))
+    information, vector = _information(total, layout)
+    return Calibration(information, vector, noise, _dispersion(done, layout, library), len(reference))
+
+
+def _rescaled(noise: Noise, trips: Sequence[Trip], done: Sequence[Whitened], layout: Layout) -> Noise:
+    """Noise scales from leave-one-trip-out residuals, drawn towards the first idea where blocks are few."""
+    total = sum((w.gram for w in done), np.zeros_like(done[0].gram))
+    n = layout.nuisance
+    squares, counts = np.zeros(len(CHANNELS)), np.zeros(len(CHANNELS))
+    for trip, w in zip(trips, done, strict=True):
+        information, vector = _information(total - w.gram, layout)
+        c = len(layout.calibration)
+        # tolerances and the trip's own are fitted to the left-out trip itself
+        own = np.concatenate([w.rows[:, c:n] * layout.tolerance_sd, w.own * w.own_sd], axis=1)
+        left = w.rows[:, -1] - w.rows[:, :c] @ np.linalg.solve(information, vector)
+        fitted = own @ np.linalg.solve(np.eye(own.shape[1]) + own.T @ own, own.T @ left)
+        residual = np.clip(left - fitted, -5.0, 5.0)
+        for number in range(len(CHANNELS)):
+            mask = trip.p.layout.channel == number
+            squares[number] += float((residual[mask] ** 2).sum())
+            counts[number] += mask.sum()
+    weight = 15.0
+    scale = np.sqrt((squares + weight) / (counts + weight))
+    return Noise(noise.scale * np.clip(scale, 0.4, 4.0), noise.correlated, noise.time)
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """Effects and regressors with all nuisance marginalised: information (k, k), vector (k,)."""
+
+    information: Array
+    vector: Array
+
+
+def reduce(gram: Array, layout: Layout, calibration: Calibration, dispersion: float | None = None) -> Reduced:
+    """Marginalise the nuisance of the summed `gram` of the diagnosed trips under the calibration's posterior."""
+    n, c = layout.nuisance, len(layout.calibration)
+    prior = np.zeros((n, n))
+    prior[:c, :c] = calibration.information
+    prior[c:, c:] = np.diag(layout.tolerance_sd**-2.0)
+    b = gram[:n, -1].copy()
+    b[:c] += calibration.vector
+    cross = gram[n:-1, :n]
+    solve = np.linalg.solve(gram[:n, :n] + prior, np.column_stack([cross.T, b]))
+    d = calibration.dispersion if dispersion is None else dispersion
+    return Reduced((gram[n:-1, n:-1] - cross @ solve[:, :-1]) / d, (gram[n:-1, -1] - cross @ solve[:, -1]) / d)
+
+
+def _dispersion(done: Sequence[Whitened], layout: Layout, library: Library) -> float:
+    """Mean squared score of the effects on reference trips left out in turn: 1 if the noise model holds."""
+    if len(done) < 2:
+        return 1.5
+    total = sum((w.gram for w in done), np.zeros_like(done[0].gram))
+    scores = []
+    for w in done:
+        information, vector = _information(total - w.gram, layout)
+        left = Calibration(information, vector, default_noise(), 1.0, len(done) - 1)
+        r = reduce(w.gram, layout, left)
+        size = np.diag(r.information)[: layout.effects]
+        alone = size * library.sd**2
+        z2 = r.vector[: layout.effects] ** 2 / np.maximum(size, 1e-12)
+        scores.append(np.mean(np.minimum(z2[alone > 1.0], 25.0)) if (alone > 1.0).any() else 1.0)
+    mean, count = float(np.mean(scores)), len(scores)
+    return float(np.clip((mean * count + 1.0 * 2.0) / (count + 2.0), 1.0, 4.0))
+
+
+@dataclass(frozen=True)
+class Fit:
+    """One hypothesis: log Bayes factor against none, explained chi square, coefficients and their covariance."""
+
+    log_bayes: float
+    explained: float
+    value: Array
+    covariance: Array
+
+
+def fit(r: Reduced, index: NDArray[np.int64] | list[int], sd: Array) -> Fit:
+    """Evidence of the columns `index` with prior deviations `sd` (same length)."""
+    index = np.asarray(index, int)
+    a, b = r.information[np.ix_(index, index)], r.vector[index]
+    scaled = np.eye(len(index)) + sd[:, None] * a * sd[None, :]
+    inverse = np.linalg.inv(scaled)
+    covariance = sd[:, None] * inverse * sd[None, :]
+    value = covariance @ b
+    explained = float(b @ value)
+    _, determinant = np.linalg.slogdet(scaled)
+    return Fit(0.5 * explained - 0.5 * float(determinant), explained, value, covariance)
+
+
+def visible(r: Reduced, library: Library) -> dict[str, float]:
+    """Effect -> prior signal to noise ratio of its best variant: below 1 the trips cannot show it at all."""
+    out: dict[str, float] = {}
+    for variant, place in zip(library.variants, library.places, strict=True):
+        index = np.arange(place.start, place.stop)
+        size = np.diag(r.information)[index] * library.sd[index] ** 2
+        out[variant.effect] = max(out.get(variant.effect, 0.0), float(np.sqrt(max(size.max(), 0.0))))
+    return out
+
+
+def log_mean_exp(x: Array, weights: Array | None = None) -> float:
+    """log of the (weighted) mean of exp(x)."""
+    x = np.asarray(x, float)
+    top = float(x.max())
+    w = np.full(len(x), 1.0 / len(x)) if weights is None else weights / weights.sum()
+    return top + float(np.log(np.sum(w * np.exp(x - top))))
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """Frozen on development data (`thresholds.json`): prior log odds, tempering, the allowed misfit of a signature."""
+
+    prior_none: float = 0.5
+    prior_single: float = 0.33
+    prior_pair: float = 0.07
+    prior_outside: float = 0.10
+    misfit: float = 0.08
+    temperature: float = 1.0
+    barrier: float = 3.0
+    """log units that any cause must overcome before "nothing" loses: pays for looking everywhere."""
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Probabilities of {none, singles, pairs, outside} and the fits behind them."""
+
+    none: float
+    singles: Mapping[str, float]
+    pairs: Mapping[tuple[str, str], float]
+    outside: float
+    fits: Mapping[str, tuple[Variant, Fit]]
+    pair_fits: Mapping[tuple[str, str], tuple[Variant, Variant, Fit]]
+    regressors: tuple[tuple[generic.Regressor, ...], Fit] | None
+
+
+def posterior(r: Reduced, library: Library, layout: Layout, hidden: Sequence[str], t: Thresholds) -> Posterior:
+    """Weigh all hypotheses."""
+    sd, places = library.sd, library.places
+    by_effect: dict[str, list[tuple[Variant, Fit, NDArray]]] = {}
+    seen = visible(r, library)
+    for variant, place in zip(library.variants, places, strict=True):
+        if variant.effect in hidden or seen[variant.effect] < 1.0:
+            continue
+        index = np.arange(place.start, place.stop)
+        by_effect.setdefault(variant.effect, []).append((variant, fit(r, index, sd[index]), index))
+    singles = {name: log_mean_exp(np.array([f.log_bayes for _, f, _ in rows])) for name, rows in by_effect.items()}
+    best = {name: max(rows, key=lambda row: row[1].log_bayes) for name, rows in by_effect.items()}
+
+    pairs: dict[tuple[str, str], tuple[Variant, Variant, Fit]] = {}
+    names = sorted(best, key=lambda n: -singles[n])
+    for i, first in enumerate(names):
+        for second in names[i + 1 :]:
+            (v1, _, i1), (v2, _, i2) = best[first], best[second]
+            index = np.concatenate([i1, i2])
+            pairs[(first, second)] = (v1, v2, fit(r, index, sd[index]))
+
+    offset = layout.effects
+    generic_sd = np.array([g.sd for g in library.regressors])
+    alone = [fit(r, [offset + i], generic_sd[[i]]) for i in range(layout.generics)]
+    order = np.argsort([-f.log_bayes for f in alone])
+    chosen = [int(order[0])]
+    both = []
+    for i in range(layout.generics):
+        if i != chosen[0]:
+            index = [chosen[0], i]
+            both.append((i, fit(r, [offset + n for n in index], generic_sd[index])))
+    second = max(both, key=lambda row: row[1].log_bayes)
+    outside_log = np.logaddexp(
+        log_mean_exp(np.array([f.log_bayes for f in alone])),
+        log_mean_exp(np.array([f.log_bayes for _, f in both])) - np.log(4.0),
+    )
+    found = (chosen, alone[chosen[0]])
+    if second[1].log_bayes > alone[chosen[0]].log_bayes + 2.0:
+        found = ([chosen[0], second[0]], second[1])
+
+    explained = max(
+        [row[1].explained for row in best.values()] + [f.explained for *_, f in pairs.values()] + [found[1].explained, 0.0]
+    )
+    squeeze = t.temperature * (1.0 + 0.5 * t.misfit**2 * explained)
+    rows: list[tuple[object, float]] = [("none", np.log(t.prior_none))]
+    rows += [(n, np.log(t.prior_single / max(len(singles), 1)) + x / squeeze - t.barrier) for n, x in singles.items()]
+    rows += [(n, np.log(t.prior_pair / max(len(pairs), 1)) + f.log_bayes / squeeze - t.barrier) for n, (*_, f) in pairs.items()]
+    rows.append(("outside", np.log(t.prior_outside) + float(outside_log) / squeeze - t.barrier))
+    logs = np.array([x for _, x in rows])
+    probability = np.exp(logs - logs.max())
+    probability /= probability.sum()
+    table = {name: float(q) for (name, _), q in zip(rows, probability, strict=True)}
+    return Posterior(
+        table["none"], {n: table[n] for n in singles}, {n: table[n] for n in pairs}, table["outside"],
+        {n: (v, f) for n, (v, f, _) in best.items()}, pairs,
+        (tuple(library.regressors[i] for i in found[0]), found[1]),
+    )  # fmt: skip
