@@ -1,10 +1,9 @@
 """The advisor's side of the dashboard: what it may see, what it may say; and the follower of a plan."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from controller.advice import Advice
 
@@ -70,31 +69,15 @@ class AdviceFollower:
     """Whether to lift off early for red signals and slower leaders in sight."""
     begin: float = 0.0
     """m: silent before (for a comparison that starts later)."""
-    _start: float = field(init=False, default=0.0)
-    _step: float = field(init=False, default=1.0)
-
-    def __post_init__(self) -> None:
-        s = self.advice.s
-        object.__setattr__(self, "_start", float(s[0]))
-        object.__setattr__(self, "_step", float((s[-1] - s[0]) / (len(s) - 1)))
 
     def reset(self) -> None:
         """Nothing to forget: the policy is fixed."""
 
     def advise(self, view: View) -> Suggestion | None:
-        """Interpolate the policy; the gear is the nearest node's, since gears do not mix."""
+        """The policy's action here; a glide where something stands in the way."""
         if view.distance < self.begin:
             return None
-        plan = self.advice
-        i = (view.distance - self._start) / self._step
-        i0 = int(min(max(i, 0.0), len(plan.s) - 2.0))
-        u = min(max(i - i0, 0.0), 1.0)
-        speeds = plan.policy_speed
-        j0 = int(np.clip(np.searchsorted(speeds, view.speed) - 1, 0, len(speeds) - 2))
-        w = float(np.clip((view.speed - speeds[j0]) / (speeds[j0 + 1] - speeds[j0]), 0.0, 1.0))
-        acceleration = _between(plan.policy_acceleration, i0, j0, u, w)
-        costate = _between(plan.policy_costate, i0, j0, u, w)
-        gear = int(plan.policy_gear[i0 + round(u), j0 + round(w)])
+        acceleration, gear, costate = self.advice.action(view.distance, view.speed)
         if self.glide and acceleration > -COAST and self._worth_gliding(view):
             return Suggestion(-COAST, view.gear, costate, coast=True)
         return Suggestion(acceleration, gear, costate)
@@ -110,9 +93,3 @@ class AdviceFollower:
             needed = (v - view.leader_speed) ** 2 / (2.0 * COAST)
             return needed > view.leader_gap - 1.2 * view.leader_speed
         return False
-
-
-def _between(table: NDArray, i: int, j: int, u: float, w: float) -> float:
-    low = (1.0 - w) * table[i, j] + w * table[i, j + 1]
-    high = (1.0 - w) * table[i + 1, j] + w * table[i + 1, j + 1]
-    return float((1.0 - u) * low + u * high)

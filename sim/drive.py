@@ -49,7 +49,7 @@ class Drive:
     route: Route
     vehicles: float
     """Mean number of vehicles in the network while the ego drove."""
-    step_hashes: NDArray[np.uint64]
+    step_hashes: tuple[int, ...]
     """One per step of SUMO over all vehicles: equal hashes, equal traffic."""
     first_advice_step: int | None
     """Step at which advice first reached the driver."""
@@ -237,7 +237,7 @@ def _run(
         trip=plant.trip(),
         route=route,
         vehicles=tally.vehicles / max(len(tally.hashes), 1),
-        step_hashes=np.array(tally.hashes, dtype=np.uint64),
+        step_hashes=tuple(tally.hashes),
         first_advice_step=tally.first_advice,
         advised_share=tally.advised / max(len(tally.hashes), 1),
         costate=np.array(tally.costates),

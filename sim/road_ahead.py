@@ -1,58 +1,47 @@
-"""The road ahead as a navigation device knows it: the way, its limits and bends, and slopes from the map's altitudes."""
+"""What a navigation system knows of the road ahead: limits and bends along the route, hills from the road map."""
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d
+from scipy.ndimage import minimum_filter1d
 
 from controller.advice import RoadAhead
+from sensors.elevation import altitude_profile
 from sensors.projection import to_geodetic
 from sensors.roadmap import RoadMap
 from vehicle_model.car.route import Route
 
-STEP = 10.0
+STEP = 5.0
 """m between the places of the road ahead."""
-SMOOTHING = 60.0
-"""m: sigma of the Gaussian over the map's altitudes, whose own errors are about 1 m every 50 m."""
-STEEPEST = 0.12
-"""rad: no slope of a map is believed beyond it."""
 LATERAL_COMFORT = 2.2
-"""m/s2 sideways that is planned with in bends."""
+"""m/s2 that an adviser plans for in bends."""
+COURTESY = 0.7
+"""Share of the possible speed below which others are held up."""
+STARTING = 60.0
+"""m at both ends where courtesy asks for nothing."""
+BRAKING = 1.0
+"""m/s2 by which courtesy lets the speed fall and rise around a slow place."""
 
 
-def road_ahead(route: Route, road_map: RoadMap, lateral_comfort: float = LATERAL_COMFORT) -> RoadAhead:
-    """Return limits, bends and slopes along `route`; slopes come from `road_map`, never from the route's true pitch.
+def road_ahead(route: Route, road_map: RoadMap) -> RoadAhead:
+    """Return limits, bend speeds and hills along `route`, every 5 m.
 
-    Where the map has no altitude the slope is interpolated between places that have one, 0 where none has.
+    Limits and bends are map data along the navigation route (the route's own plan view: an electronic horizon); the
+    pitch comes from the road map's altitudes, never from the true pitch. `speed_max` is the lower of the limit and of
+    2.2 m/s2 sideways; `speed_min` 70 % of what can be driven with 1 m/s2 around slow places, 0 near both ends.
     """
-    s = np.arange(float(route.s[0]), float(route.s[-1]), STEP)
-    altitude = _altitudes(route, road_map, s)
-    known = np.isfinite(altitude)
-    smooth = gaussian_filter1d(
-        np.interp(s, s[known], altitude[known]) if known.any() else np.zeros(len(s)), SMOOTHING / STEP, mode="nearest"
-    )
-    pitch = np.clip(np.arctan(np.gradient(smooth, STEP)), -STEEPEST, STEEPEST)
-    # The sharpest bend and the lowest limit of each stretch count, not those that happen to lie on the grid.
-    bend = np.sqrt(lateral_comfort / np.maximum(np.abs(route.straightness), 1e-6))
-    fastest = np.minimum(route.speed_limit, bend)
-    edges = np.searchsorted(route.s, np.append(s, route.s[-1]))
-    speed_max = np.array([fastest[a : max(b, a) + 1].min() for a, b in zip(edges[:-1], edges[1:], strict=True)])
-    return RoadAhead(s, pitch, speed_max, np.zeros(len(s)))
-
-
-def _altitudes(route: Route, road_map: RoadMap, s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Altitude (m) of the map at each place `s`, NaN where it has none."""
-    latitude, longitude = to_geodetic(
-        np.interp(s, route.s, route.north), np.interp(s, route.s, route.east), route.origin
-    )
-    heading = np.interp(s, route.s, route.heading)
-    roads = road_map.roads
-    found = np.full(len(s), np.nan)
-    for i, place in enumerate(zip(latitude, longitude, heading, strict=True)):
-        near = road_map.nearest(*place, radius=30.0)
-        if near is None:
-            continue
-        points = slice(*roads.point_start[near[0] : near[0] + 2])
-        known = np.isfinite(roads.point_altitude[points])
-        if known.any():
-            found[i] = np.interp(near[1], roads.point_s[points][known], roads.point_altitude[points][known])
-    return found
+    latitude, longitude = to_geodetic(route.north, route.east, route.origin)[:2]
+    s = np.arange(0.0, route.length, STEP)
+    _, pitch = altitude_profile(road_map, route.s, latitude, longitude)
+    bend = np.sqrt(LATERAL_COMFORT / np.maximum(np.abs(route.straightness), 1e-6))
+    possible = np.minimum(route.speed_limit, bend)
+    step = float(route.s[1] - route.s[0])
+    lowest = minimum_filter1d(possible, max(round(STEP / step), 1))
+    speed_max = np.interp(s, route.s, lowest)
+    square = speed_max**2
+    gain = 2.0 * BRAKING * STEP
+    for i in range(len(square) - 2, -1, -1):
+        square[i] = min(square[i], square[i + 1] + gain)
+    for i in range(1, len(square)):
+        square[i] = min(square[i], square[i - 1] + gain)
+    speed_min = COURTESY * np.sqrt(square)
+    speed_min[(s < STARTING) | (s > s[-1] - STARTING)] = 0.0
+    return RoadAhead(s=s, pitch=np.interp(s, route.s, pitch), speed_max=speed_max, speed_min=speed_min)

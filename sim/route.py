@@ -13,6 +13,8 @@ STEP = 1.0
 TURN_SMOOTHING, STREET_SMOOTHING, ROAD_SMOOTHING = 5.0, 10.0, 25.0
 """m: sigmas of the Gaussian laid over x(s), y(s): at a turn, along a street and on faster roads, where the steps from
 lane to lane that a network has at its junctions must become the gentle swerves that a car drives."""
+OVERRUN = 2.0
+"""m of road beyond the destination."""
 TURN_REACH = 30.0
 """m before and after a turn where the narrow Gaussian holds."""
 
@@ -59,7 +61,7 @@ def _blend(entered: Lane, left: Lane) -> NDArray[np.float64]:
 
 
 def true_route(network: Network) -> Route:
-    """Return the ego's route over SUMO's distance: 0 at its start, to the end of its last edge.
+    """Return the ego's route over SUMO's distance: from 0 at its start to `OVERRUN` m beyond its destination.
 
     Altitude and plane are smoothed by Gaussians (`Network.altitude_smoothing`, `TURN_SMOOTHING` ...), grades clipped to
     `Network.grade_limit`. The smoothed line is shorter than SUMO's distance (corners are cut): it is stretched about
@@ -113,17 +115,19 @@ def true_route(network: Network) -> Route:
     sky = np.zeros(len(s), np.int8)
     for begin, end, kind in sky_spans:
         sky[(s >= begin) & (s <= end)] = kind
+    last_edge = sky_spans[-1][0]
+    n = min(int(np.ceil((last_edge + network.arrival + OVERRUN) / STEP)) + 1, len(s))
     return Route(
-        s=s,
-        north=north,
-        east=east,
-        altitude=z,
-        heading=heading,
-        pitch=pitch,
-        straightness=np.gradient(heading, STEP),
-        vertical_straightness=np.gradient(pitch, STEP),
-        speed_limit=limit,
-        sky=sky,
+        s=s[:n],
+        north=north[:n],
+        east=east[:n],
+        altitude=z[:n],
+        heading=heading[:n],
+        pitch=pitch[:n],
+        straightness=np.gradient(heading, STEP)[:n],
+        vertical_straightness=np.gradient(pitch, STEP)[:n],
+        speed_limit=limit[:n],
+        sky=sky[:n],
         origin=network.origin,
     )
 

@@ -1,4 +1,4 @@
-"""The true efficiency map of a trip: what an ideal observer of that trip could find at best (DESIGN.md)."""
+"""True efficiency as DESIGN defines it: fuel to wheel, steady, gears weighted by the trips' time in each cell."""
 
 from collections.abc import Callable, Mapping, Sequence
 
@@ -14,43 +14,45 @@ from vehicle_model.plant.parameters import plant_parameters
 Array = NDArray[np.float64]
 
 
-def gear_times(trips: Sequence[Trip]) -> dict[int, dict[tuple[int, int], float]]:
-    """Seconds driven in each gear and cell of 50 rpm by 2 Nm, over `trips`: {gear: {(column, row): s}}."""
-    times: dict[int, dict[tuple[int, int], float]] = {}
+def true_efficiency(
+    car: Car, settings: Mapping[str, float] | None, trips: Sequence[Trip]
+) -> Callable[[Array, Array], Array]:
+    """Return eta(engine speed rad/s, torque N m): broadcasts; NaN where the engine cannot be.
+
+    Torque is T = thrust x speed / engine speed, at the wheels' level. In a cell of 50 rpm x 2 N m the gears weigh by the time
+    that `trips` spent there in each, clutch locked; in cells never visited by their time at that engine speed, else alike.
+    """
+    p = plant_parameters(car, settings)
+    gears = len(car.gear_ratios)
+    rows = int(car.engine.redline_speed * 1.2 / SPEED_STEP) + 2
+    columns = int(1.6 * car.engine.max_torque / TORQUE_STEP) + 2
+    seconds = np.zeros((rows, columns, gears))
     for trip in trips:
         c = trip.channels
-        use = (c["clutch"] >= 1.0) & (c["gear"] >= 1.0) & (c["thrust"] > 0.0) & (c["fuel_power"] > 0.0)
-        omega = c["engine_speed"][use]
-        torque = c["thrust"][use] * c["speed"][use] / omega
-        cells = np.stack([c["gear"][use], omega // SPEED_STEP, torque // TORQUE_STEP], axis=1).astype(int)
-        for (gear, column, row), count in zip(*np.unique(cells, axis=0, return_counts=True), strict=True):
-            cell = times.setdefault(int(gear), {})
-            cell[int(column), int(row)] = cell.get((int(column), int(row)), 0.0) + count * trip.step
-    return times
-
-
-def true_efficiency(car: Car, settings: Mapping[str, float], trips: Sequence[Trip]) -> Callable[[Array, Array], Array]:
-    """Return eta(engine_speed, torque): fuel to wheel, steady, gears weighted by the trips' time in the cell.
-
-    The callable takes arrays of equal shape, rad/s and N m (wheel level); where the trips never were, the gears count
-    by their time over the whole of the trips.
-    """
-    parameters = plant_parameters(car, settings)
-    times = gear_times(trips)
-    overall = {gear: sum(cells.values()) for gear, cells in times.items()} or {1: 1.0}
+        driving = (c["clutch"] > 0.99) & (c["gear"] > 0.5) & (c["thrust"] > 0.0) & (c["engine_speed"] > 1.0)
+        omega = c["engine_speed"][driving]
+        torque = c["thrust"][driving] * c["speed"][driving] / omega
+        place = _cells(omega, torque, rows, columns)
+        np.add.at(seconds, (*place, c["gear"][driving].astype(int) - 1), trip.step)
+    by_speed = seconds.sum(axis=1, keepdims=True)
+    anywhere = np.where(by_speed.sum(axis=2, keepdims=True) > 0.0, by_speed, 1.0)
+    weights = np.where(seconds.sum(axis=2, keepdims=True) > 0.0, seconds, anywhere)
+    weights /= weights.sum(axis=2, keepdims=True)
 
     def efficiency(engine_speed: Array, torque: Array) -> Array:
-        omega, wanted = np.broadcast_arrays(np.asarray(engine_speed, float), np.asarray(torque, float))
-        columns, rows = (omega // SPEED_STEP).astype(int).ravel(), (wanted // TORQUE_STEP).astype(int).ravel()
-        power, weight = np.zeros(omega.size), np.zeros(omega.size)
-        seen = [any((c, r) in cells for cells in times.values()) for c, r in zip(columns, rows, strict=True)]
-        for gear, total in overall.items():
-            cells = times.get(gear, {})
-            share = np.array(
-                [cells.get((c, r), 0.0) if known else total for c, r, known in zip(columns, rows, seen, strict=True)]
-            )
-            power += share * steady.fuel_power(parameters, gear, omega.ravel(), wanted.ravel())
-            weight += share
-        return (omega * wanted) / (power / weight).reshape(omega.shape)
+        omega, load = np.broadcast_arrays(np.asarray(engine_speed, float), np.asarray(torque, float))
+        share = weights[_cells(omega, load, rows, columns)]
+        eta, full = np.zeros(omega.shape), np.zeros(omega.shape)
+        flat_speed = np.unique(omega)
+        for gear in range(1, gears + 1):
+            eta += share[..., gear - 1] * steady.true_efficiency(p, gear, omega, load)
+            full += share[..., gear - 1] * np.interp(omega, flat_speed, steady.full_load(p, gear, flat_speed))
+        possible = (omega >= 0.9 * car.engine.idle_speed) & (omega <= 1.02 * car.engine.redline_speed)
+        return np.where(possible & (load <= 1.02 * full), eta, np.nan)
 
     return efficiency
+
+
+def _cells(omega: Array, torque: Array, rows: int, columns: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    i = np.clip((omega / SPEED_STEP).astype(int), 0, rows - 1)
+    return i, np.clip((torque / TORQUE_STEP).astype(int), 0, columns - 1)

@@ -1,33 +1,48 @@
-"""The true engine as a planner's table: what the oracle is handed."""
+"""The true engine, for the oracle and for judging: never shown to an observer or an advisor."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
-from observer.efficiency_map import SPEED_STEP, TORQUE_STEP, FuelMap
+from observer.efficiency_map import FuelMap
 from vehicle_model.car.parameters import Car
 from vehicle_model.plant import steady
 from vehicle_model.plant.parameters import plant_parameters
 
+SPEEDS, TORQUES = 60, 45
+"""Nodes of the true map."""
 
-def true_fuel_map(car: Car, settings: Mapping[str, float], gear_weights: Mapping[int, float] | None = None) -> FuelMap:
-    """Return the true steady fuel power at wheel level over the engine's whole range, gears weighted.
 
-    `settings`: the plant's effects by key. `gear_weights`: shares of the forward gears (evenly where None); the gears differ
-    by their gearbox losses only.
+def true_fuel_map(
+    car: Car, settings: Mapping[str, float] | None = None, gear_weights: Sequence[float] | None = None
+) -> FuelMap:
+    """Return the plant's steady fuel map at wheel level, averaged over the gears: what perfect knowledge would plan with.
+
+    `settings` are the plant's effects; `gear_weights` (gears,) weigh the gears (alike by default): each has its own losses,
+    and a map over engine speed and torque alone cannot hold them all.
     """
-    parameters = plant_parameters(car, settings)
-    weights = gear_weights or {gear: 1.0 for gear in range(1, len(car.gear_ratios) + 1)}
-    total = sum(weights.values())
-    first, last = np.floor(car.engine.idle_speed / SPEED_STEP), np.ceil(car.engine.redline_speed / SPEED_STEP)
-    omega = np.arange(first, last + 1) * SPEED_STEP
-
-    def mean(values):
-        return sum(weight * values(gear) for gear, weight in weights.items()) / total
-
-    torque_max = mean(lambda gear: steady.full_load(parameters, gear, omega))
-    torque = np.arange(0.0, torque_max.max() + 2.0 * TORQUE_STEP, TORQUE_STEP)
-    power = mean(lambda gear: steady.fuel_power(parameters, gear, omega[:, None], torque[None, :]))
-    idle_speed, idle_power = steady.idle(parameters)
-    overrun = mean(lambda gear: steady.overrun(parameters, gear, omega))
-    return FuelMap(omega, torque, power, torque_max, np.minimum(overrun, -0.5), idle_power, idle_speed)
+    p = plant_parameters(car, settings)
+    count = len(car.gear_ratios)
+    weights = np.ones(count) if gear_weights is None else np.asarray(gear_weights, float)
+    weights = weights / weights.sum()
+    idle_speed, idle_power = steady.idle(p)
+    speed = np.linspace(0.9 * idle_speed, car.engine.redline_speed, SPEEDS)
+    full = np.zeros(SPEEDS)
+    overrun = np.zeros(SPEEDS)
+    for gear, weight in enumerate(weights, start=1):
+        full += weight * steady.full_load(p, gear, speed)
+        overrun += weight * steady.overrun(p, gear, speed)
+    torque = np.linspace(0.0, 1.05 * float(full.max()), TORQUES)
+    power: NDArray[np.float64] = np.zeros((SPEEDS, TORQUES))
+    for gear, weight in enumerate(weights, start=1):
+        power += weight * steady.fuel_power(p, gear, speed[:, None], torque[None, :])
+    return FuelMap(
+        engine_speed=speed,
+        torque=torque,
+        fuel_power=power,
+        torque_max=np.maximum(full, 1.0),
+        overrun_torque=np.minimum(overrun, 0.0),
+        idle_power=idle_power,
+        idle_speed=idle_speed,
+    )
