@@ -124,10 +124,10 @@ def _write_drive(out: _Writer, name: str, colour: str, trip: Trip) -> None:
     }.items():
         out.series(entity, clock, values, colour, name, "steps" if entity.startswith("gear") else "line")
     out.columns(f"plan/car/{name}", clock, rr.Points2D.columns(positions=_plan(c["east"], c["north"])))
-    out.static(f"plan/car/{name}", rr.Points2D.from_fields(colors=[_rgb(colour)], radii=[rr.Radius.ui_points(6.0)]))
+    out.static(f"plan/car/{name}", rr.Points2D.from_fields(colors=[_rgb(colour)], radii=rr.Radius.ui_points([6.0])))
     latitude, longitude, _ = pymap3d.enu2geodetic(c["east"], c["north"], 0 * clock.time, *trip.origin)
     out.columns(f"map/car/{name}", clock, rr.GeoPoints.columns(positions=np.column_stack([latitude, longitude])))
-    out.static(f"map/car/{name}", rr.GeoPoints.from_fields(colors=[_rgb(colour)], radii=[rr.Radius.ui_points(6.0)]))
+    out.static(f"map/car/{name}", rr.GeoPoints.from_fields(colors=[_rgb(colour)], radii=rr.Radius.ui_points([6.0])))
     clutch = np.where(c["clutch"] >= 0.999, "locked", np.where(c["clutch"] <= 0.001, "open", "slipping"))
     out.states(f"state/clutch/{name}", clock, clutch, _CLUTCH)
 
@@ -145,7 +145,7 @@ def _write_road(out: _Writer, run: Run) -> None:
     latitude, longitude, _ = pymap3d.enu2geodetic(route.east, route.north, 0 * route.s, *route.origin)
     line = np.column_stack([latitude, longitude])
     out.static(
-        "map/road", rr.GeoLineStrings(lat_lon=[line], colors=[_rgb(charts.GREY)], radii=[rr.Radius.ui_points(2.0)])
+        "map/road", rr.GeoLineStrings(lat_lon=[line], colors=[_rgb(charts.GREY)], radii=rr.Radius.ui_points([2.0]))
     )
 
 
@@ -223,14 +223,14 @@ def _write_gps(out: _Writer, run: Run) -> None:
     colours = (255 * colormaps["cividis"](np.clip((gps["hdop"] - 0.8) / 4.0, 0.0, 1.0))).astype(np.uint8)
     positions = _plan(np.asarray(east), np.asarray(north))
     out.static(
-        "plan/gps/fixes", rr.Points2D(positions, colors=colours, radii=[rr.Radius.ui_points(2.0)], draw_order=-1.0)
+        "plan/gps/fixes", rr.Points2D(positions, colors=colours, radii=rr.Radius.ui_points([2.0]), draw_order=-1.0)
     )
     geo = np.column_stack([gps["latitude"], gps["longitude"]])
-    out.static("map/gps/fixes", rr.GeoPoints(lat_lon=geo, colors=colours, radii=[rr.Radius.ui_points(2.0)]))
+    out.static("map/gps/fixes", rr.GeoPoints(lat_lon=geo, colors=colours, radii=rr.Radius.ui_points([2.0])))
     t = np.maximum.accumulate(gps["t"])
     clock = _Clock(t)
     out.columns("plan/gps/now", clock, rr.Points2D.columns(positions=positions))
-    out.static("plan/gps/now", rr.Points2D.from_fields(colors=[_rgb(charts.PURPLE)], radii=[rr.Radius.ui_points(4.0)]))
+    out.static("plan/gps/now", rr.Points2D.from_fields(colors=[_rgb(charts.PURPLE)], radii=rr.Radius.ui_points([4.0])))
     out.series("gps/hdop", clock, gps["hdop"], charts.PURPLE, "HDOP (1)")
     out.series("gps/altitude", clock, gps["altitude"], charts.PURPLE, "GPS")
     starts, ends = _gaps(t)

@@ -14,12 +14,14 @@ from pathlib import Path
 
 from tornado.websocket import websocket_connect
 
-CHROMIUM = next((path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None)
-_FLAGS = (
-    "--headless --no-sandbox --disable-quic --no-first-run --disable-background-networking --disable-component-update "
-    "--disable-sync --hide-scrollbars --use-angle=swiftshader --enable-unsafe-swiftshader --ignore-gpu-blocklist "
-    "--remote-debugging-port=0 --remote-allow-origins=*"
-).split()
+CHROMIUM = next(
+    (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
+)
+_FLAGS = [
+    *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"),
+    *("--disable-background-networking", "--disable-component-update", "--hide-scrollbars"),
+    *("--remote-debugging-port=0", "--remote-allow-origins=*"),
+]
 
 
 @dataclass
@@ -34,9 +36,20 @@ class Visit:
     """Values of the expressions asked for."""
 
 
-def visit(url, profile: Path, width, height, *, ready="document.readyState === 'complete'", ask=(), patience=60.0,
-          settle=0.3, scripts=True, whole_page=True, media=""):  # fmt: skip
-    """Open `url` in a window of width x height, wait until the expression `ready` holds and `settle` s more; return a Visit."""
+def visit(
+    url,
+    profile: Path,
+    width,
+    height,
+    *,
+    ready="document.readyState === 'complete'",
+    ask=(),
+    patience=60.0,
+    settle=0.3,
+    scripts=True,
+    media="",
+):
+    """Open `url` in a window of width x height, wait until `ready` holds and `settle` s more; return a Visit."""
     assert CHROMIUM, "no Chromium on this machine"
     process = subprocess.Popen(
         [CHROMIUM, *_FLAGS, f"--user-data-dir={profile}", f"--window-size={width},{height}", "about:blank"],
@@ -46,15 +59,15 @@ def visit(url, profile: Path, width, height, *, ready="document.readyState === '
         port = next(match[1] for line in process.stderr if (match := re.search(r"ws://127\.0\.0\.1:(\d+)/", line)))
         with urllib.request.urlopen(f"http://127.0.0.1:{port}/json") as reply:
             page = next(target for target in json.load(reply) if target["type"] == "page")
-        return asyncio.run(_drive(page["webSocketDebuggerUrl"], url, width, height, ready, ask, patience, settle, scripts,
-                                  whole_page, media))  # fmt: skip
+        address = page["webSocketDebuggerUrl"]
+        return asyncio.run(_drive(address, url, width, height, ready, ask, patience, settle, scripts, media))
     finally:
         process.terminate()
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.wait(10)
 
 
-async def _drive(socket, url, width, height, ready, ask, patience, settle, scripts, whole_page, media):
+async def _drive(socket, url, width, height, ready, ask, patience, settle, scripts, media):
     connection = await websocket_connect(socket, max_message_size=1 << 28)
     found, count = Visit(), 0
 
@@ -75,7 +88,9 @@ async def _drive(socket, url, width, height, ready, ask, patience, settle, scrip
 
     for domain in ("Page", "Runtime", "Log"):
         await call(f"{domain}.enable")
-    await call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 600)
+    await call(
+        "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 600
+    )
     if media:
         await call("Emulation.setEmulatedMedia", media=media)
     if not scripts:
@@ -87,7 +102,7 @@ async def _drive(socket, url, width, height, ready, ask, patience, settle, scrip
         await asyncio.sleep(0.1)
     await asyncio.sleep(settle)
     found.answers = [await value(expression) for expression in ask] if scripts else []
-    shot = await call("Page.captureScreenshot", format="png", captureBeyondViewport=whole_page)
+    shot = await call("Page.captureScreenshot", format="png")
     found.picture = base64.b64decode(shot["data"])
     connection.close()
     return found
@@ -98,6 +113,8 @@ def _note(message, found):
     if message.get("method") == "Runtime.exceptionThrown":
         found.errors.append(str(parameters["exceptionDetails"].get("exception", {}).get("description", parameters)))
     if message.get("method") == "Runtime.consoleAPICalled" and parameters["type"] in ("error", "assert"):
-        found.errors.append(str([argument.get("value", argument.get("description")) for argument in parameters["args"]]))
+        found.errors.append(
+            str([argument.get("value", argument.get("description")) for argument in parameters["args"]])
+        )
     if message.get("method") == "Log.entryAdded" and parameters["entry"]["level"] == "error":
         found.errors.append(parameters["entry"]["text"])
