@@ -26,7 +26,11 @@ STREAMS: dict[str, np.dtype] = {
     # from real logs that carry a speed instead of wheel pulses, m/s
     "fuel": np.dtype([("order", "i8"), ("t", "f8"), ("power", "f8")]),
     # from real logs that carry a fuel flow instead of injector pulses, W
+    "engine_speed": np.dtype([("order", "i8"), ("t", "f8"), ("speed", "f8")]),
+    # from real logs that carry the engine's speed, rad/s
 }
+STREAMS["gps_second"] = STREAMS["gps"]
+# a second receiver, as in comma2k19
 """The streams that a log may hold, and their columns."""
 
 
