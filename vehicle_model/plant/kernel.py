@@ -210,8 +210,8 @@ TWO_PI = 2.0 * math.pi
 @njit(cache=True)
 def _table(p, base, place):
     """Linear interpolation in the table at `base`; `place` in nodes, clamped."""
-    place = min(max(place, 0.0), TABLE - 1.000001)
-    i = int(place)
+    place = min(max(place, 0.0), TABLE - 1.0)
+    i = min(int(place), TABLE - 2)
     share = place - i
     return p[base + i] + share * (p[base + i + 1] - p[base + i])
 
