@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
-
 from controller.advice import Advice
 
 GLIDE_HORIZON = 200.0

@@ -29,6 +29,11 @@ Workers = Annotated[
 ]
 
 
+@app.callback()
+def _top() -> None:
+    """Keeps `rollingroad COMMAND` a group of commands however few there are."""
+
+
 @app.command(epilog="Examples: rollingroad run · rollingroad run town --car peugeot --set head_wind.speed=4 --json")
 def run(
     scenario: Annotated[str, typer.Argument(help="A shipped scenario's name or a TOML file.")] = "mixed",

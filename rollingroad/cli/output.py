@@ -1,28 +1,14 @@
 """Printing: tables for people, one JSON object for programs, progress on a terminal only."""
 
 import json
-import math
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
 from rich.console import Console
 
-from rollingroad.chain import Progress
-
-
-def plain(value: Any) -> Any:
-    """`value` as JSON knows it: numpy scalars and arrays unpacked, NaN and infinities null (RFC 8259 has neither)."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    if hasattr(value, "tolist"):
-        return plain(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
+from rollingroad.json_form import plain
 
 
 def print_json(value: Mapping[str, Any]) -> None:
@@ -36,7 +22,7 @@ def console() -> Console:
 
 
 @contextmanager
-def progress(quiet: bool = False) -> Iterator[Progress]:
+def progress(quiet: bool = False) -> Iterator[Callable[[str], None]]:
     """Yield a function that tells what is being done, on standard error; silent when piped or `quiet`."""
     if quiet or not sys.stderr.isatty():
         yield lambda text: None

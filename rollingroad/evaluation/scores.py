@@ -1,7 +1,5 @@
 """How good the observer and the map were, against the truth of a simulated trip. What each figure means: DESIGN.md."""
 
-from collections.abc import Mapping
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -74,32 +72,3 @@ def observer_scores(estimate: Estimate, trip: Trip, *, clock_offset: float = 0.0
 def outage_seconds(trip: Trip, tunnel: int) -> float:
     """Time driven where satellites are hidden, s; `tunnel` is the value of `Trip.sky` there."""
     return float(np.count_nonzero(trip.channels["sky"] == tunnel) * trip.step)
-
-
-def gear_shares(
-    trip: Trip, engine_speed: NDArray[np.float64], torque: NDArray[np.float64]
-) -> Mapping[int, NDArray[np.float64]]:
-    """Share of time of each gear in each cell of the map, (n, m) per gear, from the truth: what weights the true map.
-
-    `engine_speed` (n,) and `torque` (m,) are cell centres on even grids. Cells that the trip never visited share evenly
-    what the trip did as a whole.
-    """
-    c = trip.channels
-    use = driving(trip, c["time"])
-    omega, gear = c["engine_speed"][use], c["gear"][use].astype(int)
-    wheel_torque = c["thrust"][use] * c["speed"][use] / omega
-    rows = np.round((omega - engine_speed[0]) / (engine_speed[1] - engine_speed[0])).astype(int)
-    columns = np.round((wheel_torque - torque[0]) / (torque[1] - torque[0])).astype(int)
-    inside = (rows >= 0) & (rows < len(engine_speed)) & (columns >= 0) & (columns < len(torque))
-    counts = {}
-    for number in np.unique(gear[inside]):
-        cell = np.zeros((len(engine_speed), len(torque)))
-        mine = inside & (gear == number)
-        np.add.at(cell, (rows[mine], columns[mine]), 1.0)
-        counts[int(number)] = cell
-    total = sum(counts.values(), np.zeros((len(engine_speed), len(torque))))
-    overall = max(total.sum(), 1.0)
-    return {
-        number: np.where(total > 0, cell / np.maximum(total, 1.0), cell.sum() / overall)
-        for number, cell in counts.items()
-    }

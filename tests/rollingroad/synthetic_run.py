@@ -217,7 +217,7 @@ def plan(route, time_value=9000.0):
         for name in ("speed", "engine_torque", "time", "fuel_energy")
     }
     policy_speed = np.linspace(1.0, 36.0, 30)
-    shape = (len(s), len(policy_speed))
+    shape = (len(s[::3]), len(policy_speed))
     costate = 900.0 * over["speed"] * (1.2 - s / s[-1])
     return Advice(
         s=s,
@@ -228,9 +228,10 @@ def plan(route, time_value=9000.0):
         time=over["time"],
         fuel=over["fuel_energy"],
         policy_speed=policy_speed,
-        policy_acceleration=np.clip(0.2 * (over["speed"][:, None] - policy_speed), -1, 1.2),
+        policy_s=s[::3],
+        policy_acceleration=np.clip(0.2 * (over["speed"][::3, None] - policy_speed), -1, 1.2),
         policy_gear=np.broadcast_to(np.digitize(policy_speed, [4.0, 8.0, 11.0, 15.0, 19.0]) + 1, shape),
-        policy_costate=np.broadcast_to(costate[:, None], shape),
+        policy_costate=np.broadcast_to(costate[::3, None], shape),
         time_value=time_value,
     )
 

@@ -1,0 +1,159 @@
+"""The arrows of the chain: each is a function that takes data and returns data (`chain` joins them)."""
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+
+import numpy as np
+
+from controller.advice import Advice, RoadAhead
+from controller.route import plan_route, plan_route_in_time
+from observer.efficiency_map import EfficiencyMap, FuelMap
+from observer.estimate import Estimate
+from observer.fit_form import Fit
+from observer.fits import default_fit, fit_all
+from observer.mapping import fuel_map, map_engine
+from rollingroad.evaluation.compare import Comparison, Consumption, compare, search_bracket
+from rollingroad.task import Task
+from sensors.box import box_settings, record
+from sensors.log import SensorLog
+from sensors.packets import decode
+from sensors.roadmap import RoadMap, from_route
+from sim.advisor import AdviceFollower
+from sim.drive import Drive, drive
+from sim.network import Network
+from vehicle_model.car.errors import BadInput
+from vehicle_model.car.parameters import Car
+from vehicle_model.car.trip import Trip
+
+ADVICE_BEGINS = 50.0
+"""m: silent before, so that both drives can be shown to be one and the same until advice is given."""
+FIRST_PRICE = 8_000.0
+"""W: a price of time to begin with where the plan gives none."""
+
+
+@dataclass(frozen=True)
+class Sensed:
+    """A trip as the box saw it: the card's bytes, what the reader makes of them, and the road map on board."""
+
+    card: bytes
+    log: SensorLog
+    road_map: RoadMap
+
+
+@dataclass(frozen=True)
+class Mapped:
+    """What was learnt of the engine."""
+
+    efficiency_map: EfficiencyMap
+    fits: Mapping[str, Fit]
+    fuel_map: FuelMap
+
+
+@dataclass(frozen=True)
+class Followed:
+    """Drives with advice at several prices of time, and how they compare with the baseline."""
+
+    drives: Sequence[Drive]
+    advices: Sequence[Advice]
+    comparison: Comparison
+
+
+def drive_scenario(task: Task, network: Network, advice: Advice | None = None, *, perfect: bool = False) -> Drive:
+    """The arrow `drive`: the task's car in the task's traffic, with or without advice. Runs in a worker."""
+    advisor = None if advice is None else AdviceFollower(advice, begin=ADVICE_BEGINS)
+    return drive(task.scenario, task.car, task.seed, advisor=advisor, network=network, perfect=perfect)
+
+
+def sense(task: Task, truth: Drive) -> Sensed:
+    """The arrow `sense`: what the logger writes on its card, and what the reader makes of it."""
+    settings = box_settings(task.scenario.sensors, task.settings)
+    card = record(truth.trip, task.car, settings, task.seed)
+    return Sensed(card, decode(card), from_route(truth.route, task.seed, settings))
+
+
+def map_found(estimates: Sequence[Estimate], car: Car) -> Mapped:
+    """The arrow `map_engine`: the grid, its fits, and the planner's table, of one or more trips."""
+    found = map_engine(estimates, car)
+    fits = fit_all(found, car)
+    return Mapped(found, fits, fuel_map(found, car, default_fit(fits)))
+
+
+def consumption(truth: Drive, car: Car, price: float = 0.0) -> Consumption:
+    """What a drive cost, by the truth."""
+    c = truth.trip.channels
+    return Consumption(
+        fuel=float(c["fuel_energy"][-1] - c["fuel_energy"][0]),
+        time=float(c["time"][-1] - c["time"][0]) - truth.parked_s,
+        distance=float(c["distance"][-1] - c["distance"][0]),
+        end_energy=0.5 * car.accelerated_mass * float(c["speed"][-1]) ** 2,
+        price=price,
+    )
+
+
+def trip_efficiency(trip: Trip) -> float:
+    """Work done by the engine at the wheels over fuel burnt: what a joule stored in the car is worth in fuel."""
+    c = trip.channels
+    work = float(np.sum(np.maximum(c["thrust"] * c["speed"], 0.0)) * trip.step)
+    return work / float(c["fuel_energy"][-1] - c["fuel_energy"][0])
+
+
+def first_prices(road: RoadAhead, table: FuelMap, car: Car, baseline: Drive) -> tuple[float, float]:
+    """Two prices of time, W, around the one at which the plan takes as long as the baseline was on the move."""
+    c = baseline.trip.channels
+    moving = float(np.count_nonzero(c["speed"] > 0.3) * baseline.trip.step)
+    start, end = float(c["speed"][0]), float(c["speed"][-1])
+    try:
+        plan = plan_route_in_time(road, table, car, start_speed=start, end_speed=end, trip_time=moving)
+        price = plan.time_value
+    except BadInput:  # the baseline was faster or slower than the plan can be
+        price = FIRST_PRICE
+    return price / 1.6, price * 1.6
+
+
+def follow(
+    pool: Executor,
+    task: Task,
+    network: Network,
+    baseline: Drive,
+    road: RoadAhead,
+    table: FuelMap,
+    prices: tuple[float, float],
+    *,
+    perfect: bool = False,
+) -> Followed:
+    """The arrows `plan` and `drive` again, at prices of time that bracket the baseline's trip time, then `compare`."""
+    cost = consumption(baseline, task.car)
+    c = baseline.trip.channels
+    drives: list[Drive] = []
+    advices: list[Advice] = []
+
+    def at(prices: Sequence[float]) -> list[Consumption]:
+        plans = [
+            plan_route(
+                road,
+                table,
+                task.car,
+                start_speed=float(c["speed"][0]),
+                end_speed=float(c["speed"][-1]),
+                time_value=price,
+            )
+            for price in prices
+        ]
+        pending = [pool.submit(drive_scenario, task, network, plan, perfect=perfect) for plan in plans]
+        done = [future.result() for future in pending]
+        for advised in done:
+            assert_same_until_advice(baseline, advised)
+        drives.extend(done)
+        advices.extend(plans)
+        return [consumption(advised, task.car, price) for advised, price in zip(done, prices, strict=True)]
+
+    costs = search_bracket(at, cost.time, prices)
+    return Followed(drives, advices, compare(cost, costs, trip_efficiency(baseline.trip)))
+
+
+def assert_same_until_advice(baseline: Drive, advised: Drive) -> None:
+    """Both drives are one and the same, bit by bit, until the first advice is given: else nothing is compared."""
+    first = len(advised.step_hashes) if advised.first_advice_step is None else advised.first_advice_step
+    if not np.array_equal(baseline.step_hashes[:first], advised.step_hashes[:first]):
+        raise AssertionError("the advised drive departed from the baseline's before any advice was given")

@@ -1,0 +1,65 @@
+"""The chain, readable from top to bottom: drive, sense, observe, map, plan, drive again with advice, compare."""
+
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+from sim.road_ahead import road_ahead
+from sim.truth import true_fuel_map
+
+from observer.observe import observe
+from rollingroad.arrows import drive_scenario, first_prices, follow, map_found, sense
+from rollingroad.folder import Stopwatch, whole_folder
+from rollingroad.products import Products, write_products
+from rollingroad.task import Task
+from rollingroad.warm_up import warm_up
+from rollingroad.workers import executor
+from sim.network import build
+
+
+def run_chain(
+    task: Task, folder: Path, *, workers: int | None = None, tell: Callable[[str], None] = lambda text: None
+) -> dict[str, Any]:
+    """Join all arrows once, write the run folder, and return the object of `run --json`.
+
+    Drives run in `workers` processes (one per core by default; 0: in this one). Raises BadInput; on any failure
+    nothing is left at `folder`.
+    """
+    watch = Stopwatch()
+    with tempfile.TemporaryDirectory(prefix="rollingroad-") as scratch, executor(workers) as pool:
+        tell("building the road")
+        network = build(task.scenario, Path(scratch))
+        tell("driving, as the baseline driver does")
+        pending = pool.submit(drive_scenario, task, network)
+        warm_up()
+        compiled = watch.total
+        baseline = pending.result()
+        watch.lap("drive")
+
+        tell("sensing and observing")
+        sensed = sense(task, baseline)
+        began = perf_counter()
+        estimate = observe(sensed.log, task.car, sensed.road_map)
+        observe_s = perf_counter() - began
+        watch.lap("observe")
+
+        tell("mapping the engine and planning")
+        learnt = map_found([estimate], task.car)
+        road = road_ahead(baseline.route, sensed.road_map)
+        prices = first_prices(road, learnt.fuel_map, task.car, baseline)
+        watch.lap("plan")
+
+        tell("driving again, with advice")
+        advised = follow(pool, task, network, baseline, road, learnt.fuel_map, prices)
+        tell("driving again, as the oracle would")
+        true_map = true_fuel_map(task.car, task.plant_settings)
+        oracle = follow(pool, task, network, baseline, road, true_map, prices, perfect=True)
+        watch.lap("drive")
+
+        tell("writing the report and the recording")
+        products = Products(task, network, baseline, sensed, estimate, learnt, road, advised, oracle, observe_s)
+        with whole_folder(folder) as part:
+            results = write_products(products, part, folder, watch, compiled)
+    return results

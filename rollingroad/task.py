@@ -1,0 +1,76 @@
+"""What a command is asked to do: scenario, car, seed and departures from neutral, checked before anything runs."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from rollingroad.catalogue import check_settings, plant_keys, read_settings
+from scenarios.files import load
+from scenarios.schema import Road, Scenario, Traffic
+from vehicle_model.car.errors import BadInput
+from vehicle_model.car.files import read_car
+from vehicle_model.car.parameters import Car
+
+
+@dataclass(frozen=True)
+class Task:
+    """One scenario, one car, one seed; the command's settings are among the scenario's effects."""
+
+    scenario: Scenario
+    car: Car
+    seed: int
+
+    @property
+    def settings(self) -> Mapping[str, float]:
+        """Every effect parameter that is set, by key."""
+        return self.scenario.effects
+
+    @property
+    def plant_settings(self) -> dict[str, float]:
+        """The settings that the plant takes."""
+        keys = plant_keys()
+        return {key: value for key, value in self.settings.items() if key in keys}
+
+
+def make_task(
+    scenario: str | Path,
+    *,
+    car: str | None = None,
+    seed: int | None = None,
+    settings: Sequence[str] = (),
+    osm: Path | None = None,
+    start: str | None = None,
+    end: str | None = None,
+) -> Task:
+    """Read the scenario (or make one of an OpenStreetMap extract) and the car, and check the settings.
+
+    `settings` are `effect.parameter=value` strings; `start` and `end` are "lat,lon" in degrees. Raises BadInput.
+    """
+    read = _from_osm(osm, start, end) if osm is not None else load(scenario)
+    if osm is None and (start or end):
+        raise BadInput("--from/--to", "", "expected together with --osm")
+    effects = check_settings(read.effects, str(read.source or read.name)) | read_settings(settings)
+    scenario_set = read.model_copy(update={"effects": effects})
+    return Task(scenario_set, read_car(car or read.car), read.seed if seed is None else seed)
+
+
+def _from_osm(osm: Path, start: str | None, end: str | None) -> Scenario:
+    if not osm.is_file():
+        raise BadInput(osm, "", "expected an OpenStreetMap extract, but there is no such file")
+    if (start is None) != (end is None):
+        raise BadInput("--from/--to", "", "expected both or neither")
+    ends = {}
+    if start is not None and end is not None:
+        ends = {"from": _place("--from", start), "to": _place("--to", end)}
+    road = Road(osm=str(osm.resolve()), **ends)
+    return Scenario(title=f"OpenStreetMap: {osm.parent.name or osm.stem}", road=road, traffic=Traffic(vehicles=60))
+
+
+def _place(option: str, text: str) -> tuple[float, float]:
+    try:
+        latitude, longitude = (float(part) for part in text.split(","))
+    except ValueError:
+        raise BadInput(option, text, "expected LAT,LON in degrees, such as 49.61,6.13") from None
+    if not (-90.0 <= latitude <= 90.0 and -180.0 <= longitude <= 180.0):
+        raise BadInput(option, text, "expected a latitude in -90 to 90 and a longitude in -180 to 180 degrees")
+    return latitude, longitude
