@@ -874,3 +874,19 @@ def steady_overrun(p, speed):
     closed = p[P_THROTTLING] * p[P_TORQUE_PER_PRESSURE] * (exhaust - p[P_CLOSED_PRESSURE])
     fired = (1.0 - p[P_CUT_SHARE]) * p[P_TORQUE_PER_PRESSURE] * p[P_PRESSURE_GAIN] * p[P_CLOSED_PRESSURE]
     return fired - closed - carried
+
+
+@njit(cache=True)
+def steady_table(p, quantity, gear, speed, torque, out):
+    """Fill `out` (n,) for the arguments (n,): 0 fuel at wheel level, 1 full load, 2 overrun, 3 fuel at the crankshaft."""
+    for n in range(out.shape[0]):
+        w = speed[n]
+        if quantity == 0:
+            out[n] = steady_fuel(p, w, steady_brake_torque(p, gear[n], w, torque[n]))
+        elif quantity == 1:
+            full = _table(p, P_FULL_LOAD, w * p[P_TABLE_RATE])
+            out[n] = steady_wheel_torque(p, gear[n], w, full)
+        elif quantity == 2:
+            out[n] = steady_wheel_torque(p, gear[n], w, steady_overrun(p, w))
+        else:
+            out[n] = steady_fuel(p, w, torque[n])

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from vehicle_model.plant import kernel as k
 
 Array = NDArray[np.float64]
+FUEL, FULL_LOAD, OVERRUN, ENGINE_FUEL = range(4)
 
 
 def fuel_power(parameters: Array, gear: ArrayLike, engine_speed: ArrayLike, torque: ArrayLike) -> Array:
@@ -17,7 +18,7 @@ def fuel_power(parameters: Array, gear: ArrayLike, engine_speed: ArrayLike, torq
 
     The engine fires: overrun cut-off is `overrun`'s. Torques beyond full load are extrapolated; see `full_load`.
     """
-    return _over(_fuel, parameters, gear, engine_speed, torque)
+    return _over(FUEL, parameters, gear, engine_speed, torque)
 
 
 def true_efficiency(parameters: Array, gear: ArrayLike, engine_speed: ArrayLike, torque: ArrayLike) -> Array:
@@ -29,12 +30,12 @@ def true_efficiency(parameters: Array, gear: ArrayLike, engine_speed: ArrayLike,
 
 def full_load(parameters: Array, gear: ArrayLike, engine_speed: ArrayLike) -> Array:
     """Wheel-level torque (N m) at full load; broadcasts."""
-    return _over(_full, parameters, gear, engine_speed, 0.0)
+    return _over(FULL_LOAD, parameters, gear, engine_speed, 0.0)
 
 
 def overrun(parameters: Array, gear: ArrayLike, engine_speed: ArrayLike) -> Array:
     """Wheel-level torque (N m, negative) with the fuel cut (as far as the car cuts it); broadcasts."""
-    return _over(_overrun, parameters, gear, engine_speed, 0.0)
+    return _over(OVERRUN, parameters, gear, engine_speed, 0.0)
 
 
 def idle(parameters: Array) -> tuple[float, float]:
@@ -45,7 +46,7 @@ def idle(parameters: Array) -> tuple[float, float]:
 
 def engine_fuel_power(parameters: Array, engine_speed: ArrayLike, brake_torque: ArrayLike) -> Array:
     """Fuel power (W) at the crankshaft's own torque (N m): the engine alone, as on an engine bench; broadcasts."""
-    return _over(_engine, parameters, 0, engine_speed, brake_torque)
+    return _over(ENGINE_FUEL, parameters, 1, engine_speed, brake_torque)
 
 
 def engine_full_load(parameters: Array, engine_speed: ArrayLike) -> Array:
@@ -55,26 +56,9 @@ def engine_full_load(parameters: Array, engine_speed: ArrayLike) -> Array:
     return np.interp(np.asarray(engine_speed, float) * parameters[k.P_TABLE_RATE], nodes, table)
 
 
-def _fuel(p: Array, gear: int, speed: float, torque: float) -> float:
-    return k.steady_fuel(p, speed, k.steady_brake_torque(p, gear, speed, torque))
-
-
-def _full(p: Array, gear: int, speed: float, _: float) -> float:
-    return k.steady_wheel_torque(p, gear, speed, float(engine_full_load(p, speed)))
-
-
-def _overrun(p: Array, gear: int, speed: float, _: float) -> float:
-    return k.steady_wheel_torque(p, gear, speed, k.steady_overrun(p, speed))
-
-
-def _engine(p: Array, _: int, speed: float, torque: float) -> float:
-    return k.steady_fuel(p, speed, torque)
-
-
-def _over(function, parameters: Array, gear: ArrayLike, speed: ArrayLike, torque: ArrayLike) -> Array:
-    g, w, t = np.broadcast_arrays(np.asarray(gear, int), np.asarray(speed, float), np.asarray(torque, float))
-    out = np.empty(g.shape)
-    flat = out.reshape(-1)
-    for n, (gn, wn, tn) in enumerate(zip(g.flat, w.flat, t.flat, strict=True)):
-        flat[n] = function(parameters, int(gn), float(wn), float(tn))
-    return out
+def _over(quantity: int, parameters: Array, gear: ArrayLike, speed: ArrayLike, torque: ArrayLike) -> Array:
+    g, w, t = np.broadcast_arrays(np.asarray(gear, np.int64), np.asarray(speed, float), np.asarray(torque, float))
+    out = np.empty(g.size)
+    flat = (np.ascontiguousarray(part).reshape(-1) for part in (g, w, t))
+    k.steady_table(np.asarray(parameters), quantity, *flat, out)
+    return out.reshape(g.shape)
