@@ -1,6 +1,6 @@
 """Compiled scanning and packing of the box's packets (seed 004, C.1.4). Flat arrays in, flat arrays out.
 
-`sensors.packets` is the readable side: it holds the format's tables and a slow reference of `scan`.
+`sensors.packets` is the readable side; `sensors.packet_reference` is `scan` in plain Python, for the tests.
 """
 
 import numpy as np
@@ -99,7 +99,7 @@ def scan(data, final, in_step, zeros, starts, counters):
                 damage = 1 + TRUNCATED
             elif not _check(data, at):
                 damage = 1 + BAD_CHECK
-            elif not _follows(data, end, stop) and _overlapped(data, at, end, stop):
+            elif end < stop and (end + 3 > stop or _header(data, end) != 0) and _overlapped(data, at, end, stop):
                 damage = 1 + FALSE_PACKET
             else:
                 if zeros > 0:
