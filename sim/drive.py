@@ -184,7 +184,6 @@ def _run(
     with Traffic(network, routes, seed) as traffic:
         if not traffic.begin(EGO_DEPART + 120.0):
             raise BadInput(scenario.source or scenario.name, "traffic.vehicles", "so many that the ego finds no place")
-        departed = traffic.time
         signal_before: tuple[float, str] = (math.inf, "")
         while traffic.time < horizon:
             now = plant.time

@@ -5,6 +5,7 @@ import subprocess
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 import pymap3d
@@ -148,8 +149,18 @@ def _from_osm(scenario: Scenario, directory: Path) -> Network:
         raise BadInput(extract, "", "no such file; expected an OpenStreetMap extract")
     latitude, longitude = _bounds(extract)
     typemap = Path(sumo.SUMO_HOME) / "data" / "typemap" / "osmNetconvert.typ.xml"
+    variants = directory / "variants.typ.xml"
+    variants.write_text(_variants(typemap))
     net_path = _netconvert(
-        ["--osm-files", str(extract), "--type-files", str(typemap), "--osm.elevation", "true", "--geometry.remove"]
+        [
+            "--osm-files",
+            str(extract),
+            "--type-files",
+            f"{typemap},{variants}",
+            "--osm.elevation",
+            "true",
+            "--geometry.remove",
+        ]
         + ["--roundabouts.guess", "--junctions.join", "--ramps.guess", "--tls.guess-signals", "--tls.join"]
         + ["--tls.discard-simple", "--no-turnarounds.except-deadend", "--keep-edges.by-vclass", "passenger"]
         + ["--remove-edges.isolated", "--osm.extra-attributes", "tunnel,layer", "--precision", "3"]
@@ -177,7 +188,7 @@ def _from_osm(scenario: Scenario, directory: Path) -> Network:
         depart=depart,
         arrival=arrival,
         origin=origin,
-        tunnels=frozenset(name for name in edges if _underground(net.edges[name].params)),
+        tunnels=frozenset(name for name in edges if _underground(net.edges[name].params, net.edges[name].kind)),
         canyons=frozenset(),
         source_weights={},
         altitude_smoothing=60.0,
@@ -188,7 +199,21 @@ def _from_osm(scenario: Scenario, directory: Path) -> Network:
     )
 
 
-def _underground(params: dict[str, str]) -> bool:
+def _variants(typemap: Path) -> str:
+    """Types such as highway.primary_tunnel, which some extracts use, as copies of the plain type."""
+    rows = []
+    for _, element in iterparse(typemap, events=("end",)):
+        name = element.attrib.get("id", "")
+        if element.tag == "type" and name.startswith("highway.") and "|" not in name:
+            for suffix in ("_tunnel", "_bridge"):
+                attributes = {**element.attrib, "id": name + suffix}
+                rows.append("<type " + " ".join(f"{key}={quoteattr(text)}" for key, text in attributes.items()) + "/>")
+    return "<types>\n" + "\n".join(rows) + "\n</types>\n"
+
+
+def _underground(params: dict[str, str], kind: str) -> bool:
+    if kind.endswith("_tunnel"):
+        return True
     layer = params.get("layer", "0").split(";")[0]
     below = layer.lstrip("-").isdigit() and int(layer) < 0
     return params.get("tunnel", "no") not in ("no", "") or below
@@ -235,9 +260,9 @@ def _way_between(
 
 
 def _longest_sensible_way(net: NetFile, graph: WayGraph, extract: Path) -> list[int]:
-    """A fastest way of 8 to 12 km, or the longest of at least 3 km: always the same one for the same extract.
+    """A fastest way of 8 to 10 km, or the longest of at least 3 km: always the same one for the same extract.
 
-    Fastest ways keep to through roads; among them the one with the most lights and turns wins ties of length.
+    Fastest ways keep to through roads; among those of that length the slowest wins: a city's.
     Both ends lie on edges long enough to stand on.
     """
     strong = graph.largest_component()
@@ -256,7 +281,7 @@ def _longest_sensible_way(net: NetFile, graph: WayGraph, extract: Path) -> list[
                 length[node] = length[before[row, node]] + graph.length[before[row, node]]
         for end in usable[np.isfinite(length[usable])]:
             total = length[end] + graph.length[end]
-            score = min(total, WISHED_LENGTH + 1_000.0) - max(total - 12_000.0, 0.0)
+            score = min(total, WISHED_LENGTH + 500.0) - max(total - WISHED_LENGTH - 1_500.0, 0.0)
             score += 0.01 * min(times[row, end], 900.0)
             if score > best[0] and end != origin:
                 best = (float(score), [row, int(end)])

@@ -10,13 +10,19 @@ from vehicle_model.car.route import CANYON, OPEN_SKY, TUNNEL, Route
 
 STEP = 1.0
 """m between the points of a route."""
-TURN_SMOOTHING, STREET_SMOOTHING, ROAD_SMOOTHING = 5.0, 10.0, 25.0
-"""m: sigmas of the Gaussian laid over x(s), y(s): at a turn, along a street and on faster roads, where the steps from
-lane to lane that a network has at its junctions must become the gentle swerves that a car drives."""
+TURN, STREET, ROAD = 3.0, 9.0, 15.0
+"""m: sigma of the Gaussian over the heading at turns, along streets (to 60 km/h) and on faster roads. A drawn line has
+corners at its points; a car drives them as bends."""
+TIGHT, HAIRPIN = 8.0, 6.0
+"""m: below that radius sigma is this: half a turn then has a radius near 5 m."""
+TURN_REACH = 15.0
+"""m before and after a turn where the narrow Gaussian holds."""
+SWERVE = 3.0
+"""s over which a car moves over where the network's lanes jump aside at a junction (half before, half after)."""
+STEERING, STEERING_LIMIT = 1.0 / 60.0, 0.06
+"""rad/m and rad: how firmly the smooth line is steered back to the drawn one."""
 OVERRUN = 2.0
 """m of road beyond the destination."""
-TURN_REACH = 30.0
-"""m before and after a turn where the narrow Gaussian holds."""
 
 
 def lane_path(net: NetFile, edges: tuple[str, ...]) -> list[tuple[int, int, Link | None]]:
@@ -63,65 +69,28 @@ def _blend(entered: Lane, left: Lane) -> NDArray[np.float64]:
 def true_route(network: Network) -> Route:
     """Return the ego's route over SUMO's distance: from 0 at its start to `OVERRUN` m beyond its destination.
 
-    Altitude and plane are smoothed by Gaussians (`Network.altitude_smoothing`, `TURN_SMOOTHING` ...), grades clipped to
-    `Network.grade_limit`. The smoothed line is shorter than SUMO's distance (corners are cut): it is stretched about
-    its start by that ratio, a few 1e-4, so that geometry and distance agree exactly.
+    Headings of the lanes driven are smoothed, altitudes too (`Network.altitude_smoothing`), grades clipped to
+    `Network.grade_limit`; position and altitude are the integrals of heading and pitch over the distance, so that all of
+    them agree exactly; the line is steered back to the drawn one, from which it differs by a few metres.
     """
-    net = read(network.net)
-    rows: list[NDArray[np.float64]] = []
-    sky_spans: list[tuple[float, float, int]] = []
-    limits: list[tuple[float, float, float]] = []
-    turns: list[tuple[float, float]] = []
-    at = -network.depart
-
-    def lay(points: NDArray[np.float64], length: float) -> None:
-        nonlocal at
-        rows.append(np.column_stack([at + points[:, 0] * length, points[:, 1:]]))
-        at += length
-
-    for name, (entered, left, link) in zip(network.edges, lane_path(net, network.edges), strict=True):
-        edge, begin = net.edges[name], at
-        lay(_blend(edge.lanes[entered], edge.lanes[left]), edge.length)
-        corner = at
-        for via in link.via if link else ():
-            lane = net.internal[via]
-            lay(_blend(lane, lane), lane.length)
-        if link and link.direction != "s":
-            turns.append((corner - TURN_REACH, at + TURN_REACH))
-        limits.append((begin, at, edge.speed))
-        kind = TUNNEL if name in network.tunnels else CANYON if name in network.canyons else OPEN_SKY
-        sky_spans.append((begin, at, kind))
-
-    raw = np.concatenate(rows)
-    raw = raw[np.concatenate([[True], np.diff(raw[:, 0]) > 1e-6])]
-    s = np.arange(0.0, np.floor(at / STEP) * STEP + 0.5 * STEP, STEP)
-    x, y, z = (np.interp(s, raw[:, 0], raw[:, k]) for k in (1, 2, 3))
-    limit = np.empty_like(s)
-    for begin, end, value in limits:
-        limit[(s >= begin) & (s <= end)] = value
-    x, y = _smooth_plane(s, x, y, limit, turns)
-    z = _smooth(z, network.altitude_smoothing)
-    grade = np.diff(z) / STEP
-    if np.abs(grade).max() > network.grade_limit:
-        z = np.concatenate([[z[0]], z[0] + np.cumsum(np.clip(grade, -network.grade_limit, network.grade_limit) * STEP)])
-        z = _smooth(z, 15.0)
-
-    # Even spacing in true arc length; the route's length stays SUMO's.
-    arc = np.concatenate([[0.0], np.cumsum(np.sqrt(np.diff(x) ** 2 + np.diff(y) ** 2 + np.diff(z) ** 2))])
-    stretch = s[-1] / arc[-1]
-    x, y, z = (line[0] + stretch * (np.interp(s, arc * stretch, line) - line[0]) for line in (x, y, z))
-    east, north = x - net.offset[0], y - net.offset[1]
-    heading, pitch = _direction(x, y, z)
-    sky = np.zeros(len(s), np.int8)
-    for begin, end, kind in sky_spans:
-        sky[(s >= begin) & (s <= end)] = kind
-    last_edge = sky_spans[-1][0]
-    n = min(int(np.ceil((last_edge + network.arrival + OVERRUN) / STEP)) + 1, len(s))
+    line = _Line(network)
+    s = np.arange(0.0, np.floor(line.end / STEP) * STEP + 0.5 * STEP, STEP)
+    x, y, z = (np.interp(s, line.points[:, 0], line.points[:, k]) for k in (1, 2, 3))
+    limit, sky = np.empty_like(s), np.zeros(len(s), np.int8)
+    for begin, end, speed, kind in line.spans:
+        inside = (s >= begin) & (s <= end)
+        limit[inside], sky[inside] = speed, kind
+    heading = _heading(s, x, y, limit, line.turns)
+    grade = np.gradient(_smooth(z, network.altitude_smoothing), STEP)
+    pitch = np.arctan(np.clip(grade, -network.grade_limit, network.grade_limit))
+    pitch = gaussian_filter1d(pitch, 5.0 / STEP, mode="nearest")
+    heading, north, east = _steer(heading, pitch, y, x)
+    n = min(int(np.ceil((line.spans[-1][0] + network.arrival + OVERRUN) / STEP)) + 1, len(s))
     return Route(
         s=s[:n],
         north=north[:n],
         east=east[:n],
-        altitude=z[:n],
+        altitude=(z[0] + _integral(np.sin(pitch)))[:n],
         heading=heading[:n],
         pitch=pitch[:n],
         straightness=np.gradient(heading, STEP)[:n],
@@ -132,31 +101,120 @@ def true_route(network: Network) -> Route:
     )
 
 
-def _smooth_plane(
+class _Line:
+    """The drawn line of the ego's way: `points` (n, 4) s, east, north, z; `spans` of edges; `turns`."""
+
+    def __init__(self, network: Network) -> None:
+        net = read(network.net)
+        rows: list[NDArray[np.float64]] = []
+        self.spans: list[tuple[float, float, float, int]] = []
+        self.turns: list[tuple[float, float]] = []
+        straight: list[tuple[float, float, float]] = []
+        at = -network.depart
+        for name, (entered, left, link) in zip(network.edges, lane_path(net, network.edges), strict=True):
+            edge, begin = net.edges[name], at
+            points = _blend(edge.lanes[entered], edge.lanes[left])
+            rows.append(np.column_stack([at + points[:, 0] * edge.length, points[:, 1:]]))
+            at = junction = at + edge.length
+            for via in link.via if link else ():
+                lane = net.internal[via]
+                points = _blend(lane, lane)
+                if link and link.direction != "s":
+                    rows.append(np.column_stack([at + points[:, 0] * lane.length, points[:, 1:]]))
+                at += lane.length
+            if link and link.direction == "s":
+                straight.append((junction, at, edge.speed))
+            elif link:
+                self.turns.append((junction - TURN_REACH, at + TURN_REACH))
+            kind = TUNNEL if name in network.tunnels else CANYON if name in network.canyons else OPEN_SKY
+            self.spans.append((begin, at, edge.speed, kind))
+        self.end = at
+        points = np.concatenate(rows)
+        points[:, 1] -= net.offset[0]
+        points[:, 2] -= net.offset[1]
+        for junction, after, speed in straight:
+            points = _move_over(points, junction, after, speed)
+        self.points = points[np.concatenate([[True], np.diff(points[:, 0]) > 1e-6])]
+
+
+def _move_over(points: NDArray[np.float64], junction: float, after: float, speed: float) -> NDArray[np.float64]:
+    """Spread the sideways jump between the lanes before and after a straight junction over `SWERVE` seconds of road."""
+    last = int(np.searchsorted(points[:, 0], junction + 1e-6)) - 1
+    first = int(np.searchsorted(points[:, 0], after - 1e-6))
+    if last < 1 or first + 1 >= len(points):
+        return points
+    before = points[last, 1:3] - points[last - 1, 1:3]
+    beyond = points[first + 1, 1:3] - points[first, 1:3]
+    along = before / max(np.hypot(*before), 1e-9) + beyond / max(np.hypot(*beyond), 1e-9)
+    along /= max(np.hypot(*along), 1e-9)
+    aside = np.array([-along[1], along[0]])
+    jump = float(aside @ (points[first, 1:3] - points[last, 1:3]))
+    reach = 0.5 * max(SWERVE * speed, 20.0)
+    s = points[:, 0]
+    # Enough points for the swerve's shape.
+    extra = np.concatenate([np.linspace(junction - reach, junction, 9), np.linspace(after, after + reach, 9)])
+    extra = extra[(extra > s[0]) & (extra < s[-1])]
+    grid = np.union1d(s, extra)
+    points = np.column_stack([grid, *(np.interp(grid, s, points[:, k]) for k in (1, 2, 3))])
+    u = np.where(grid <= junction, 1.0 - (junction - grid) / reach, 1.0 - (grid - after) / reach)
+    share = np.clip(u, 0.0, 1.0)
+    share = 0.5 * share**2 * (3.0 - 2.0 * share)
+    sign = np.where(grid <= 0.5 * (junction + after), 1.0, -1.0)
+    points[:, 1:3] += jump * (sign * share)[:, None] * aside
+    return points
+
+
+def _heading(
     s: NDArray[np.float64],
     x: NDArray[np.float64],
     y: NDArray[np.float64],
     limit: NDArray[np.float64],
     turns: list[tuple[float, float]],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> NDArray[np.float64]:
+    """Smooth heading of the line x, y: narrowly at turns, widely on fast roads, hairpins opened to what a car can turn."""
+    raw = np.unwrap(np.arctan2(np.diff(x), np.diff(y)))
+    raw = np.append(raw, raw[-1])
     at_turn = np.zeros(len(s))
     for begin, end in turns:
         at_turn[(s >= begin) & (s <= end)] = 1.0
-    at_turn = gaussian_filter1d(at_turn, 10.0 / STEP, mode="nearest")
-    fast = gaussian_filter1d((limit > 60.0 / 3.6).astype(float), 20.0 / STEP, mode="nearest")
 
-    def smooth(line: NDArray[np.float64]) -> NDArray[np.float64]:
-        turn, street, road = (_smooth(line, sigma) for sigma in (TURN_SMOOTHING, STREET_SMOOTHING, ROAD_SMOOTHING))
-        return at_turn * turn + (1.0 - at_turn) * (fast * road + (1.0 - fast) * street)
+    def blurred(share: NDArray[np.float64], sigma: float) -> NDArray[np.float64]:
+        return gaussian_filter1d(share, sigma / STEP, mode="nearest")
 
-    return smooth(x), smooth(y)
+    at_turn = blurred(at_turn, 5.0)
+    fast = blurred((limit > 60.0 / 3.6).astype(float), 20.0)
+    heading = at_turn * blurred(raw, TURN) + (1.0 - at_turn) * (
+        fast * blurred(raw, ROAD) + (1.0 - fast) * blurred(raw, STREET)
+    )
+    tight = blurred((np.abs(np.gradient(heading, STEP)) > 1.0 / TIGHT).astype(float), 8.0)
+    tight = blurred(np.minimum(8.0 * tight, 1.0), 4.0)
+    return tight * blurred(raw, HAIRPIN) + (1.0 - tight) * heading
 
 
-def _direction(
-    x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    dx, dy, dz = (gaussian_filter1d(np.gradient(line, STEP), 2.0, mode="nearest") for line in (x, y, z))
-    return np.unwrap(np.arctan2(dx, dy)), np.arctan2(dz, np.hypot(dx, dy))
+def _steer(
+    heading: NDArray[np.float64],
+    pitch: NDArray[np.float64],
+    drawn_north: NDArray[np.float64],
+    drawn_east: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Integrate heading and pitch to a line, steering gently back to the drawn one; return heading, north, east."""
+    count = len(heading)
+    steered, north, east = np.empty(count), np.empty(count), np.empty(count)
+    n, e = float(drawn_north[0]), float(drawn_east[0])
+    correction = 0.0
+    for i in range(count):
+        psi = heading[i]
+        off = (drawn_east[i] - e) * np.cos(psi) - (drawn_north[i] - n) * np.sin(psi)
+        wanted = min(max(STEERING * off, -STEERING_LIMIT), STEERING_LIMIT)
+        correction += (wanted - correction) * STEP / 15.0
+        steered[i], north[i], east[i] = psi + correction, n, e
+        advance = STEP * np.cos(pitch[i])
+        n, e = n + advance * np.cos(steered[i]), e + advance * np.sin(steered[i])
+    return steered, north, east
+
+
+def _integral(slope: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.concatenate([[0.0], np.cumsum(0.5 * (slope[1:] + slope[:-1]))]) * STEP
 
 
 def _smooth(line: NDArray[np.float64], sigma: float) -> NDArray[np.float64]:
