@@ -181,10 +181,23 @@ def prepare(trace: Trace, car: Car, vector: Array) -> Prepared:
     regime = _regimes(trace, motion, nominal, car, vector, coarse)
     excess = (nominal.road_force - nominal.overrun_force) / car.mass
     held = trace.cut & (motion.gear > 0) & (motion.speed > 4.0)
-    calm = uniform_filter1d(held.astype(float), 7) > 0.99
-    coasting = calm & (np.abs(uniform_filter1d(excess, 5)) < BRAKE_LIMIT)
+    calm = uniform_filter1d(held.astype(float), 5) > 0.99
+    coasting = _unbraked(calm, uniform_filter1d(excess, 5))
     samples = Samples(motion, trace.fuel, regime, coasting, bias, bias_sd, height)
     return Prepared(trace.name, trace, samples, _layout(trace, samples, nominal, car, coarse), float(trace.time[0]))
+
+
+def _unbraked(calm: NDArray[np.bool_], excess: Array) -> NDArray[np.bool_]:
+    """Of each run with the fuel cut, the samples near its least braked level, if that level is no brake's itself."""
+    change = np.diff(np.concatenate([[0], calm.astype(int), [0]]))
+    out = np.zeros(len(calm), bool)
+    for a, b in zip(np.flatnonzero(change == 1), np.flatnonzero(change == -1), strict=True):
+        if b - a < 5:
+            continue
+        level = np.partition(excess[a:b], -3)[-3]
+        if abs(level) < BRAKE_LIMIT:
+            out[a:b] = np.abs(excess[a:b] - level) < 0.05
+    return out
 
 
 def _regimes(
@@ -199,7 +212,8 @@ def _regimes(
     drive = settled & ~trace.cut & (nominal.engine_torque > 0.04 * peak)
     overrun = settled & (nominal.engine_torque < 0.8 * nominal.overrun) & (m.engine_speed > vector[k.P_CUT_RESUME] + 20.0)
     overrun &= uniform_filter1d(overrun.astype(float), 9) > 0.99
-    idle = (uniform_filter1d(m.speed, 5) < 0.05) & ~trace.cut
+    steady = np.abs(np.gradient(uniform_filter1d(m.engine_speed, 5), trace.step)) < 3.0
+    idle = (uniform_filter1d(m.speed, 11) < 0.02) & ~trace.cut & steady
     launch = ~locked & (m.acceleration > 0.2) & (m.speed > 0.3) & (m.speed < 6.0) & ~trace.cut
     opened = ~locked & ~launch & ~idle & (m.speed > 0.5) & ~trace.cut
     out = np.full(len(m.time), -1)
@@ -272,6 +286,8 @@ def _layout(trace: Trace, samples: Samples, nominal: Replay, car: Car, coarse: b
             for name, column in (("height_gps", "altitude"), ("height_map", "map_altitude")):
                 index = np.flatnonzero(np.isfinite(trace.gps[column]) & (at > 2) & (at < m.time[-1] - 2))
                 add(name, index, (at[index] / 10).astype(int), at[index], np.full(len(index), 1), np.ones(len(index)), 5)
+    if parts.get("coast_force") is not None:
+        columns["sigma"] = _doubt_brakes(columns, parts["coast_force"], nominal)
     stacked = {name: np.concatenate(rows) if rows else np.zeros(0) for name, rows in columns.items()}
     if "gps" in trace.clock:
         deviation = np.hypot(trace.clock["gps_sd"], 12e-6)
@@ -280,6 +296,16 @@ def _layout(trace: Trace, samples: Samples, nominal: Replay, car: Car, coarse: b
     return Layout(
         stacked["channel"].astype(int), stacked["regime"].astype(int), stacked["time"], stacked["distance"], stacked["sigma"], parts
     )
+
+
+def _doubt_brakes(columns: dict[str, list], part: tuple[NDArray, NDArray, NDArray], nominal: Replay) -> list:
+    """Deviations, larger for coasting blocks that stand above the trip's lower levels: there a light brake is likely."""
+    index, number, count = part
+    value = np.bincount(number, (nominal.overrun_force - nominal.road_force)[index]) / count
+    usual = np.percentile(value, 35)
+    at = [i for i, rows in enumerate(columns["channel"]) if rows[0] == CHANNELS.index("coast_force")][0]
+    sigma = columns["sigma"]
+    return [np.maximum(rows, np.abs(value - usual) / 1.2) if i == at else rows for i, rows in enumerate(sigma)]
 
 
 def _events(mask: NDArray[np.bool_], shortest: int, longest: int) -> tuple[NDArray, NDArray]:

@@ -75,6 +75,22 @@ def calibration_columns(p: Prepared, car: Car, vector: Array) -> Columns:
         fuel(f"{name}", mask * bar, 4.0)
         fuel(f"{name}_torque", mask * bar * np.clip(m.acceleration, -2.0, 2.0), 4.0)
     fuel("coarse_overrun", other * bar, 2.0)
+    # what our plant assumes of every car and this one may not have
+    firing = drive | (regime == REGIMES.index("all"))
+    for name, shape, sd in (
+        ("side", (m.speed**2 * m.curvature) ** 2, 0.1 * car.mass / car.gravity),
+        ("constant", np.ones_like(x), 15.0),
+        ("speed", m.speed / 10.0, 8.0),
+        ("speed2", (m.speed / 20.0) ** 2, 15.0),
+    ):
+        moving = shape * (m.speed > 0.3)
+        column = block_means(p, "fuel_power", 2.7 * moving * m.speed * firing) - block_means(p, "coast_force", moving)
+        rows.append((f"force.{name}", column, sd))
+    base = values(p, car, vector)
+    for key, step, sd in (("enrichment.amount", 0.1, 0.1), ("driveline_loss.share", 0.01, 0.015)):
+        neutral = {"enrichment.amount": 0.10}.get(key, 0.0)
+        moved = values(p, car, plant_parameters(car, {key: neutral + step}))
+        rows.append((f"plant.{key}", (base - moved) / step, sd))
     lever = np.asarray(car.gear_ratios)[np.maximum(m.gear, 1) - 1] / car.wheel_radius
     for power in range(3):
         rows.append((f"overrun.{power}", block_means(p, "coast_force", lever * x**power), (6.0, 4.0, 2.0)[power]))
@@ -111,8 +127,8 @@ TOLERANCE_SETTINGS: Mapping[str, str] = {
 }
 
 
-def tolerance_columns(p: Prepared, car: Car, vector: Array, base: Array) -> Columns:
-    """Nominal parameters inside their limits, for one trip; `base` (m,) the residuals at nominal."""
+def tolerance_columns(p: Prepared, car: Car, base: Array, fuel: Array) -> Columns:
+    """Nominal parameters inside their limits, for one trip; `base` (m,) the residuals at nominal, `fuel` (m,) W burnt."""
     t = car.tolerances
     root = np.sqrt(3.0)
     rows: list[tuple[str, Array, float]] = []
@@ -120,14 +136,13 @@ def tolerance_columns(p: Prepared, car: Car, vector: Array, base: Array) -> Colu
         step = 0.02
         moved = values(p, car, plant_parameters(car, {key: 1.0 + step}))
         rows.append((f"tolerance.{name}", (base - moved) / step, getattr(t, name) / root))
-    measured = block_means(p, "fuel_power", np.nan_to_num(p.samples.fuel))
-    rows.append(("tolerance.fuel", measured, t.fuel / root))
+    rows.append(("tolerance.fuel", fuel, t.fuel / root))
     v = block_means(p, "gnss_speed", _at_fixes(p, p.samples.motion.speed)) if p.trace.gps else np.zeros(len(base))
     rows.append(("tolerance.wheel_radius", v, t.wheel_radius / root))
     return Columns.of(rows, len(base))
 
 
-def trip_columns(p: Prepared, car: Car, vector: Array, base: Array, coarse: bool) -> Columns:
+def trip_columns(p: Prepared, car: Car, vector: Array, base: Array, fuel: Array, coarse: bool) -> Columns:
     """What this trip alone may have: wind, density, accelerometer bias, a little fuel, clock alignment."""
     root = np.sqrt(3.0)
     rows: list[tuple[str, Array, float]] = []
@@ -151,7 +166,8 @@ def trip_columns(p: Prepared, car: Car, vector: Array, base: Array, coarse: bool
         rows.append(("height_gps", block_means(p, "height_gps", ones), 500.0))
         rows.append(("height_map", block_means(p, "height_map", ones), 500.0))
         rows.append(("fix_time", block_means(p, "gnss_speed", -_at_fixes(p, m.acceleration)), 0.012))
-    fuel = block_means(p, "fuel_power", np.nan_to_num(p.samples.fuel))
+    rows.append(("launch_habit", block_means(p, "launch_speed", np.ones(len(m.time))), 25.0))
+    rows.append(("shift_habit", block_means(p, "shift_time", np.ones(len(m.time))), 0.06))
     rows.append(("trip_fuel", fuel, 0.025 / root * 1.5 if coarse else 0.0015))
     rows.append(("trip_load", block_means(p, "fuel_power", np.ones(len(m.time))), 100.0))
     return Columns.of(rows, len(base))
@@ -167,9 +183,10 @@ def _at_fixes(p: Prepared, sample: Array) -> Array:
 
 @dataclass(frozen=True)
 class Noise:
-    """Per channel: factor on the layout's first idea, share that is correlated, and over which time (s)."""
+    """Per channel: share that is correlated, and over which time (s); per channel and regime: factor on the first idea."""
 
     scale: Array
+    """(channels, regimes)."""
     correlated: Array
     time: Array
 
@@ -178,7 +195,7 @@ def default_noise() -> Noise:
     """Before any reference trip has been seen."""
     correlated = np.array([0.35, 0.3, 0.15, 0.4, 0.3, 0.2, 0.0, 0.0, 0.0, 0.0])
     time = np.array([40.0, 120.0, 6.0, 60.0, 60.0, 60.0, 1.0, 200.0, 8.0, 1.0])
-    return Noise(np.ones(len(CHANNELS)), correlated, time)
+    return Noise(np.ones((len(CHANNELS), len(REGIMES))), correlated, time)
 
 
 def whitener(p: Prepared, noise: Noise) -> Callable[[Array], Array]:
@@ -193,7 +210,7 @@ def whitener(p: Prepared, noise: Noise) -> Callable[[Array], Array]:
         if number in (HEIGHT_GPS, HEIGHT_MAP) or not len(index):
             continue
         share, tau = noise.correlated[number], noise.time[number]
-        sigma = layout.sigma[index] * noise.scale[number]
+        sigma = layout.sigma[index] * noise.scale[number, layout.regime[index]]
         gap = np.abs(layout.time[index][:, None] - layout.time[index][None, :])
         covariance = share * np.exp(-gap / tau)
         if number == FUEL:  # what the map does wrong in one regime says nothing of another
@@ -222,6 +239,6 @@ def _height_covariance(layout, index: NDArray, noise: Noise) -> Array:
     both_gps = gps[:, None] & gps[None, :]
     both_map = ~gps[:, None] & ~gps[None, :]
     covariance = 0.05**2 * np.minimum.outer(t, t)
-    covariance += both_gps * noise.scale[HEIGHT_GPS] ** 2 * (3.5**2 * np.exp(-gap / 200.0) + 0.3**2 * (gap == 0))
-    covariance += both_map * noise.scale[HEIGHT_MAP] ** 2 * (1.0**2 * np.exp(-gap / 8.0) + 0.3**2 * (gap == 0))
+    covariance += both_gps * noise.scale[HEIGHT_GPS, 1] ** 2 * (3.5**2 * np.exp(-gap / 200.0) + 0.3**2 * (gap == 0))
+    covariance += both_map * noise.scale[HEIGHT_MAP, 1] ** 2 * (1.0**2 * np.exp(-gap / 8.0) + 0.3**2 * (gap == 0))
     return covariance

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingroad.gap import generic
-from rollingroad.gap.channels import CHANNELS, Prepared, values
+from rollingroad.gap.channels import Prepared, block_means, values
 from rollingroad.gap.design import (
+    FUEL,
     Columns,
     Noise,
     calibration_columns,
@@ -22,6 +23,7 @@ from rollingroad.gap.design import (
     trip_columns,
     whitener,
 )
+from rollingroad.gap.replay import replay_vector
 from rollingroad.gap.signatures import Context, Variant
 from vehicle_model.car.parameters import Car
 
@@ -60,14 +62,21 @@ class Library:
         return np.array([c.sd for v in self.variants for c in v.columns])
 
 
-def columns_of(p: Prepared, car: Car, vector: Array, library: Library, *, coarse: bool) -> Trip:
-    """Compute every column of one trip: the costly part."""
+def columns_of(
+    p: Prepared, car: Car, vector: Array, library: Library, *, coarse: bool, correction: Mapping[str, float] | None = None
+) -> Trip:
+    """Compute every column of one trip: the costly part. `correction` are the calibration's coefficients by name."""
     base = values(p, car, vector)
-    context = Context(p, car, vector, base)
+    calibration = calibration_columns(p, car, vector)
+    burnt = block_means(p, "fuel_power", replay_vector(vector, p.samples.motion).fuel)
+    if correction:
+        known = np.array([correction.get(name, 0.0) for name in calibration.names])
+        burnt = burnt + (calibration.matrix @ known) * (p.layout.channel == FUEL)
+    context = Context(p, car, vector, base, np.maximum(burnt, 0.0))
     effects = [v.make(context) for v in library.variants]
     return Trip(
-        p, base, calibration_columns(p, car, vector), tolerance_columns(p, car, vector, base),
-        trip_columns(p, car, vector, base, coarse), np.concatenate(effects, axis=1), generic.columns(context),
+        p, base, calibration, tolerance_columns(p, car, base, context.fuel),
+        trip_columns(p, car, vector, base, context.fuel, coarse), np.concatenate(effects, axis=1), generic.columns(context),
     )  # fmt: skip
 
 
@@ -196,7 +205,7 @@ def _rescaled(noise: Noise, trips: Sequence[Trip], done: Sequence[Whitened], lay
     """Noise scales from leave-one-trip-out residuals, drawn towards the first idea where blocks are few."""
     total = sum((w.gram for w in done), np.zeros_like(done[0].gram))
     n = layout.nuisance
-    squares, counts = np.zeros(len(CHANNELS)), np.zeros(len(CHANNELS))
+    squares, counts = np.zeros_like(noise.scale), np.zeros_like(noise.scale)
     for trip, w in zip(trips, done, strict=True):
         information, vector = _information(total - w.gram, layout)
         c = len(layout.calibration)
@@ -205,11 +214,9 @@ def _rescaled(noise: Noise, trips: Sequence[Trip], done: Sequence[Whitened], lay
         left = w.rows[:, -1] - w.rows[:, :c] @ np.linalg.solve(information, vector)
         fitted = own @ np.linalg.solve(np.eye(own.shape[1]) + own.T @ own, own.T @ left)
         residual = np.clip(left - fitted, -5.0, 5.0)
-        for number in range(len(CHANNELS)):
-            mask = trip.p.layout.channel == number
-            squares[number] += float((residual[mask] ** 2).sum())
-            counts[number] += mask.sum()
-    weight = 15.0
+        np.add.at(squares, (trip.p.layout.channel, trip.p.layout.regime), residual**2)
+        np.add.at(counts, (trip.p.layout.channel, trip.p.layout.regime), 1.0)
+    weight = 10.0
     scale = np.sqrt((squares + weight) / (counts + weight))
     return Noise(noise.scale * np.clip(scale, 0.4, 4.0), noise.correlated, noise.time)
 
@@ -277,6 +284,17 @@ def fit(r: Reduced, index: NDArray[np.int64] | list[int], sd: Array) -> Fit:
     return Fit(0.5 * explained - 0.5 * float(determinant), explained, value, covariance)
 
 
+def cosine(r: Reduced, first: NDArray, second: NDArray) -> float:
+    """Largest canonical correlation of two sets of columns, in units of the noise, nuisance projected out."""
+    a, b = r.information[np.ix_(first, first)], r.information[np.ix_(second, second)]
+    c = r.information[np.ix_(first, second)]
+    ridge = 1e-9
+    fa = np.linalg.cholesky(a + ridge * np.diag(np.diag(a)) + 1e-300 * np.eye(len(a)))
+    fb = np.linalg.cholesky(b + ridge * np.diag(np.diag(b)) + 1e-300 * np.eye(len(b)))
+    inner = np.linalg.solve(fa, np.linalg.solve(fb, c.T).T)
+    return float(np.linalg.svd(inner, compute_uv=False)[0])
+
+
 def visible(r: Reduced, library: Library) -> dict[str, float]:
     """Effect -> prior signal to noise ratio of its best variant: below 1 the trips cannot show it at all."""
     out: dict[str, float] = {}
@@ -340,6 +358,8 @@ def posterior(r: Reduced, library: Library, layout: Layout, hidden: Sequence[str
     for i, first in enumerate(names):
         for second in names[i + 1 :]:
             (v1, _, i1), (v2, _, i2) = best[first], best[second]
+            if cosine(r, i1, i2) > 0.97:
+                continue
             index = np.concatenate([i1, i2])
             pairs[(first, second)] = (v1, v2, fit(r, index, sd[index]))
 

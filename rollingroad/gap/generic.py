@@ -91,7 +91,9 @@ def columns(c: Context) -> Array:
     slope = 2.7
     moving = (v > 0.3).astype(float)
     side = np.abs(v**2 * m.curvature)
-    fuel = np.nan_to_num(p.samples.fuel)
+    fuel = c.fuel
+    at = p.layout.time
+    load = block_means(p, "fuel_power", np.clip(r.load, 0.0, 1.2))
     climb = np.clip(m.force - m.acceleration, -1.2, 1.2) / c.car.gravity
     rise = np.maximum(np.gradient(r.engine_torque, t[1] - t[0]), 0.0) * drive
     heading = np.nan_to_num(m.heading)
@@ -119,8 +121,8 @@ def columns(c: Context) -> Array:
         force(v**2 * t), force(np.exp(-t / 300)), force(np.exp(-m.distance / 4000)), force(m.acceleration), force(climb),
         force(m.brake_heat), burn(slope * firing), burn(slope * firing * w), burn(slope * firing * (v < 8.3)),
         burn(slope * firing * (v > 19.4)), burn(slope * firing * t), burn(slope * firing * (v < 0.3)), burn(slope * firing * moving),
-        burn(fuel), burn(w * firing), burn(w**2 * firing), burn(fuel * np.clip(r.load, 0, 1.2)),
-        burn(fuel * np.clip(r.load, 0, 1.2) ** 2), burn(fuel * np.maximum(r.load - 0.4, 0.0) * t), burn(fuel * t), burn(fuel**2),
+        fuel, burn(w * firing), burn(w**2 * firing), fuel * load,
+        fuel * load**2, fuel * np.maximum(load - 0.4, 0.0) * at, fuel * at, fuel**2,
         burn(rise), burn(np.exp(-t / 150)), burn(r.cut), burn(slope * np.maximum(r.road_force, 0) * v * drive),
         gnss(one), gnss(v**2), gnss(v * t), gnss(v * m.curvature), block_means(p, "height_gps", fix(t)) if p.trace.gps else zero,
     ]  # fmt: skip

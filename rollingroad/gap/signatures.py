@@ -52,6 +52,9 @@ class Context:
     car: Car
     vector: Array
     base: Array
+    fuel: Array
+    """(m,) W, what the calibrated simulator says that each fuel block burns. (The measured fuel as a regressor of itself
+    would explain its own noise.)"""
 
 
 def _plant(effect: str, steps: Mapping[str, tuple[float, float, str, float, int]], shape: Mapping[str, float]) -> Variant:
@@ -144,10 +147,6 @@ def _dead_time(c: Context) -> list[Array]:
     return [block_means(c.p, "fuel_power", power)]
 
 
-def _measured_fuel(c: Context) -> Array:
-    return block_means(c.p, "fuel_power", np.nan_to_num(c.p.samples.fuel))
-
-
 def _fixes(c: Context, sample: Array) -> Array:
     at = c.p.trace.gps["t"] - c.p.trace.time[0]
     return np.interp(at - 0.2, c.p.samples.motion.time, sample)
@@ -201,7 +200,7 @@ def variants(car: Car) -> list[Variant]:
         _plant("accessory_load", {"power": (0.0, 400.0, "W", 400.0, 0)}, {}),
         _plant("fuel_cutoff", {"share": (1.0, -0.5, "", 0.5, -1)}, {}),
         _plant("idle_fuel", {"factor": (1.0, 0.2, "", 0.2, 0)}, {}),
-        _plant("fuel_energy", {"factor": (1.0, -0.03, "", 0.03, 0)}, {}),
+        _sensor("fuel_energy", (Column("factor", "", 1.0, 0.03),), lambda c: [-c.fuel]),
         _plant("driveline_loss", {"share": (0.0, 0.02, "", 0.02, 0)}, {}),
         _plant("driveline_loss", {"drag": (1.0, 0.5, "", 0.8, 0)}, {}),
         _plant("clutch_slip", {"launch": (1.0, 0.2, "", 0.3, 0)}, {}),
@@ -210,7 +209,7 @@ def variants(car: Car) -> list[Variant]:
         _plant("brake_drag", {"force": (0.0, 20.0, "N", 25.0, 1)}, {}),
         _plant("brake_drag", {"after_braking": (0.0, 20.0, "N", 30.0, 1)}, {}),
         _sensor("injector_dead_time", (Column("extra", "s", 0.0, 1.5e-4),), _dead_time),
-        _sensor("injector_fouling", (Column("flow_lost", "", 0.0, 0.05),), lambda c: [_measured_fuel(c)]),
+        _sensor("injector_fouling", (Column("flow_lost", "", 0.0, 0.05),), lambda c: [c.fuel]),
         _sensor("wheel_slip", (Column("factor", "", 1.0, 1.0),), _wheel_slip),
         _sensor("wheel_radius", (Column("change", "", 0.0, 0.012), Column("growth", "", 0.0, 0.004)), _wheel_radius),
         _sensor("accelerometer_mount",
