@@ -48,7 +48,7 @@ class Signature:
     """V, largest."""
 
 
-def test_track() -> Channels:
+def proving_ground() -> Channels:
     """A WLTC with slopes of 2 %, bends and all headings: something for every effect. Arrays over time, 1 Hz."""
     cycle = read_cycle("wltc")
     s = np.concatenate([[0.0], np.cumsum(0.5 * (cycle.speed[1:] + cycle.speed[:-1]))])
@@ -134,7 +134,7 @@ def settings_of(effect: Effect, parameter: str) -> dict[str, float]:
 
 def table(car: Car) -> str:
     """The table of the documentation, Markdown."""
-    track = test_track()
+    track = proving_ground()
     nominal, gear = nominal_drive(car, track)
     lines = [
         "<!-- Generated: python -m vehicle_model.plant.signatures > docs/effects.md -->",
