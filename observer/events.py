@@ -23,6 +23,7 @@ from observer.kernel import (
     MAP,
     SKEW,
     SPEED_EVENT,
+    STEP,
     WHEEL,
 )
 from sensors.log import SensorLog
@@ -144,7 +145,8 @@ def passage_rows(passages: NDArray, log: SensorLog) -> NDArray[np.float64]:
 def prepare(log: SensorLog, passages: NDArray | None = None) -> tuple[NDArray[np.float64], dict[str, int]]:
     """Return the events of `log` (n, COLUMNS), by time, without grid lines, and what was turned away, counted.
 
-    `passages` are the nodes of the road map that the log passes. Packets are judged in the order in which they stand in the log and then sorted by time (stable).
+    `passages` are the nodes of the road map that the log passes. Packets are judged in the order in which they stand in
+    the log and then sorted by time (stable).
     """
     blocks, orders = [], []
     for stream in _SOURCES:
@@ -169,8 +171,47 @@ def prepare(log: SensorLog, passages: NDArray | None = None) -> tuple[NDArray[np
     return rows[np.argsort(rows[:, 0], kind="stable")], {name: count for name, count in refused.items() if count}
 
 
-def with_grid(rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return `rows` with a grid line every GRID_STEP from the first event on; events at a line's time go first."""
+def fuel_steps(rows: NDArray[np.float64], opening_lag: float, power: float, cut_gap: float) -> NDArray[np.float64]:
+    """Return STEP event rows: when, in hindsight, the fuel power changed, and by how much.
+
+    `rows` are admitted events by time; `opening_lag` (s) and `power` (W, all injectors) turn a width into energy. A
+    pulse holds the energy of the interval that it opens, so its mean power is known. Where it lies between its
+    neighbours' the power stepped inside the interval, and the share of each neighbour says where; else at its edges.
+    """
+    pulses = rows[rows[:, 1] == INJECTOR]
+    if len(pulses) < 3:
+        return np.empty((0, COLUMNS))
+    t, energy = pulses[:, 0], power * np.maximum(pulses[:, 2] + opening_lag, 0.0)
+    gap = np.diff(t, append=np.inf)
+    last = gap > cut_gap
+    first = np.concatenate([[True], last[:-1]])
+    interval = np.where(last, np.concatenate([[0.05], np.minimum(gap[:-1], cut_gap)]), gap)
+    interval = np.maximum(interval, 2e-3)
+    mean = energy / interval
+    before = np.where(first, 0.0, np.concatenate([[0.0], mean[:-1]]))
+    after = np.where(last, 0.0, np.concatenate([mean[1:], [0.0]]))
+    change = after - before
+    inside = (mean - before) * (after - mean) > 0.0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.where(inside, (after - mean) / change, 0.0)
+    blocks = []
+    for chosen, at, size, falls in (
+        (inside, t + share * interval, change, last),
+        (~inside, t, mean - before, np.zeros(len(t), bool)),
+        (~inside & last, t + interval, after - mean, last),
+    ):
+        block = np.zeros((int(np.count_nonzero(chosen)), COLUMNS))
+        block[:, 0], block[:, 1] = at[chosen], STEP
+        block[:, 2], block[:, 3] = size[chosen] ** 2, falls[chosen]
+        blocks.append(block)
+    return np.concatenate(blocks)
+
+
+def with_grid(rows: NDArray[np.float64], steps: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+    """Return `rows` with a grid line every GRID_STEP from the first event on; events at a line's time go first.
+
+    `steps`, where given, are further event rows, in any order.
+    """
     if not len(rows):
         return rows
     first = math.ceil(rows[0, 0] / GRID_STEP)
@@ -178,5 +219,8 @@ def with_grid(rows: NDArray[np.float64]) -> NDArray[np.float64]:
     grid = np.zeros((max(last - first + 1, 0), COLUMNS))
     grid[:, 0] = np.arange(first, last + 1) * GRID_STEP
     grid[:, 1] = GRID
+    if steps is not None:
+        rows = np.concatenate([rows, steps])
+        rows = rows[np.argsort(rows[:, 0], kind="stable")]
     places = np.searchsorted(rows[:, 0], grid[:, 0], side="right")
     return np.insert(rows, places, grid, axis=0)

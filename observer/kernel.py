@@ -21,8 +21,7 @@ NX = 20
 COLUMNS = 10
 """Columns of an event: time, code, values."""
 # codes of events
-ACCELEROMETER, WHEEL, INJECTOR, GPS, SKEW, GYROSCOPE, COMPASS_EVENT, SPEED_EVENT, FUEL, MAP, GRID = range(11)
-EVENT_CODES = 11
+ACCELEROMETER, WHEEL, INJECTOR, GPS, SKEW, GYROSCOPE, COMPASS_EVENT, SPEED_EVENT, FUEL, MAP, GRID, STEP = range(12)
 
 # Constants that are passed as arguments are numpy integers: numba would compile a function again for every literal.
 # states, of which some are set anew
@@ -106,8 +105,9 @@ FUSED, GATED, NOT_FINITE, REOPENED, STUCK, ANCHORED, POOR = np.arange(7)
     M_EVENTS,
     M_FIX_TICKS,
     M_TICKS,
-) = range(43)
-M_SINCE = 43
+    M_HINDSIGHT,
+) = range(44)
+M_SINCE = 44
 """Since when each kind is being rejected (NaN: it is not)."""
 MEMORY = M_SINCE + KIND_CODES
 
@@ -177,7 +177,13 @@ PARAMETERS = P_ROTATION + 9
     S_GATE,
     S_REOPEN,
     S_SKEW_LIMIT,
-) = range(49)
+    S_THRUST_GAIN_HINDSIGHT,
+    S_Q_THRUST_HINDSIGHT,
+    S_Q_POWER_HINDSIGHT,
+    S_ODOMETER_SCALE,
+    S_MAP_HEADING,
+    S_MAP_STRAIGHT,
+) = range(55)
 
 # places in Filter.counts
 RECORDS, GRID_LINES, TAPE_LINES, RECORDING, TAPING, TAPE_GRID = range(6)
@@ -658,7 +664,8 @@ def move(t, f):
     q[1] = s[S_Q_SPEED] * dt
     arriving = mem[M_RESERVOIR] * (1.0 - math.exp(-dt / s[S_THRUST_SETTLING]))
     mem[M_RESERVOIR] -= arriving
-    q[2] = s[S_Q_THRUST] * dt + arriving
+    hindsight = mem[M_HINDSIGHT] > 0.0
+    q[2] = (s[S_Q_THRUST_HINDSIGHT] if hindsight else s[S_Q_THRUST]) * dt + arriving
     if cut or silent:
         q[2] += s[S_Q_THRUST_CUT] * dt
     q[3] = s[S_Q_HEADING] * dt
@@ -672,7 +679,7 @@ def move(t, f):
     q[8] = s[S_Q_STRAIGHT] * speed * dt
     q[9] = s[S_Q_VERTICAL] * speed * dt
     q[10] = s[S_Q_ENERGY] * dt
-    q[11] = 0.0 if cut else s[S_Q_POWER] * dt
+    q[11] = 0.0 if cut else (s[S_Q_POWER_HINDSIGHT] if hindsight else s[S_Q_POWER]) * dt
     q[12] = s[S_Q_ANGLE] * dt
     q[13] = (s[S_Q_OMEGA_CUT] if cut else s[S_Q_OMEGA]) * dt
     if P[13, 13] > 4e4:
@@ -690,7 +697,11 @@ def move(t, f):
             tape[m, i] = x[i]
         tape[m, NX + 8] = dt
         out[TAPE_LINES] = m + 1
+    before = x[1]
     predict(x, P, dt, f.car, s, q, n, xm, w)
+    # an engine in gear follows the car (1.8, with N_spd = omega / v of the moment): an input, not a dependence
+    if before > 3.0 and not cut:
+        x[13] *= x[1] / before
     mem[M_TIME] = t
 
 
@@ -795,13 +806,22 @@ def on_injector(event, t, f):
         note(ENGINE_ANGLE, math.nan, ANCHORED, f)
         # the engine's speed and fuel are unknown after silence
         reset(OMEGA, x[13], 1e4, f)
-        reset(POWER, energy / p[P_PULSE_ANGLE] * omega, 1e8, f)
+        if mem[M_HINDSIGHT] == 0.0:
+            reset(POWER, energy / p[P_PULSE_ANGLE] * omega, 1e8, f)
         mem[M_ENERGY_ANCHORED] = 0.0
     else:
         if anchored:
             mem[M_ANGLE_COUNT] += 1.0
             z = mem[M_ANGLE_ZERO] + mem[M_ANGLE_COUNT] * p[P_PULSE_ANGLE]
             mem[M_SINCE + ENGINE_ANGLE] = math.nan
+            surprise = (z - x[12]) ** 2
+            if surprise > 4.0 * (P[12, 12] + r_angle):
+                # a shift or a slipping clutch: the engine's speed has drifted all along the interval
+                rate = 3.0 * surprise / max(gap, 0.005) ** 2
+                P[12, 12] += rate * gap * gap / 3.0
+                P[12, 13] += rate * gap / 2.0
+                P[13, 12] = P[12, 13]
+                P[13, 13] += rate
             reason = fuse(ENGINE_ANGLE, z, r_angle, 0.0, f)
             if reason != FUSED:
                 anchored = False
@@ -834,12 +854,14 @@ def on_injector(event, t, f):
     change = told - mem[M_PULSE_POWER]
     if resumed:
         change = told
-    if not saturated:
+    if not saturated and mem[M_HINDSIGHT] == 0.0:
         thrust = s[S_THRUST_GAIN] * change / max(x[1], 3.0)
         mem[M_RESERVOIR] += thrust * thrust
-        P[11, 11] += (told - x[11]) ** 2
         r_power = (s[S_PULSE_POWER] * told) ** 2 + 1e4
-        fuse(PULSE_POWER, 0.0, r_power, energy / p[P_PULSE_ANGLE], f)
+        slope = energy / p[P_PULSE_ANGLE]
+        expected = P[11, 11] - 2.0 * slope * P[11, 13] + slope * slope * P[13, 13] + r_power
+        P[11, 11] += max((x[11] - slope * x[13]) ** 2 - expected, 0.0)
+        fuse(PULSE_POWER, 0.0, r_power, slope, f)
         mem[M_PULSE_POWER] = told
     mem[M_PULSE_TIME] = t
     mem[M_PULSE_ENERGY] = energy
@@ -939,14 +961,14 @@ def on_gps(event, t, f):
 
 @njit
 def on_map(event, f):
-    """The passage of a node of the road map `event[8]` s ago: heading, altitude, straightness, each with its deviation."""
+    """A node of the road map, passed `event[8]` s ago: heading, altitude, straightness, each with its deviation."""
     lag = event[8]
     if math.isfinite(event[2]) and f.memory[M_HEADING_SET] > 0.0:
-        fuse(MAP_HEADING, event[2], event[3] ** 2, lag, f)
+        fuse(MAP_HEADING, event[2], (f.settings[S_MAP_HEADING] * event[3]) ** 2, lag, f)
     if math.isfinite(event[4]):
         fuse(MAP_ALTITUDE, event[4], event[5] ** 2, lag, f)
     if math.isfinite(event[6]):
-        fuse(MAP_STRAIGHTNESS, event[6], event[7] ** 2, 0.0, f)
+        fuse(MAP_STRAIGHTNESS, event[6], (f.settings[S_MAP_STRAIGHT] * event[7]) ** 2, 0.0, f)
 
 
 @njit
@@ -989,6 +1011,16 @@ def on_fuel(event, f):
         P[11, 11] += (told - x[11]) ** 2
     fuse(FUEL_POWER, told, r, 0.0, f)
     mem[M_CUT] = 1.0 if told < 200.0 else 0.0
+
+
+@njit
+def on_step(event, f):
+    """In hindsight only: here the fuel power changed; `event[2]` W2 is the change squared, `event[3]`: it fell to 0."""
+    f.P[11, 11] += event[2]
+    gain = f.settings[S_THRUST_GAIN_HINDSIGHT] / max(f.x[1], 3.0)
+    f.P[2, 2] += gain * gain * event[2]
+    if event[3] > 0.0:
+        fuse(CUT_OFF, 0.0, 1e4, 0.0, f)
 
 
 @njit
@@ -1035,6 +1067,7 @@ def on_grid(t, f):
         for i in range(NX):
             grid_x[m, i] = x[i]
             grid_P[m, i] = P[i, i]
+        grid_P[m, 1] += (s[S_ODOMETER_SCALE] * x[1]) ** 2
     if out[TAPING] > 0:
         k = out[TAPE_LINES]
         tape_index[k, 0] = OP_GRID
@@ -1081,6 +1114,8 @@ def advance(events, first, last, f):
             on_fuel(event, f)
         elif code == GRID:
             on_grid(t, f)
+        elif code == STEP:
+            on_step(event, f)
 
 
 @njit(cache=True)
@@ -1175,6 +1210,7 @@ def retreat(f, lam, L, smooth_x, smooth_P):
                     for j in range(NX):
                         total += w[i, j] * P[j, i]
                     smooth_P[g, i] = P[i, i] - total
+                smooth_P[g, 1] += (s[S_ODOMETER_SCALE] * smooth_x[g, 1]) ** 2
 
 
 @njit

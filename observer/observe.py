@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from observer import kernel
 from observer.estimate import STATES, Estimate
-from observer.events import prepare, with_grid
+from observer.events import fuel_steps, prepare, with_grid
 from observer.model import KINDS, OMEGA
 from observer.settings import DEFAULT, ObserverSettings
 from sensors.log import SensorLog
@@ -44,7 +44,7 @@ _UNKNOWN = (
 """Places of the memory that start as unknown."""
 _SEGMENT = 8192
 """Events per segment of the backward pass: its tape then stays in the processor's cache and memory does not grow."""
-_ROWS_PER_EVENT = np.array([3, 1, 3, 5, 0, 2, 1, 1, 1, 3, 1])
+_ROWS_PER_EVENT = np.array([3, 2, 4, 6, 0, 2, 1, 1, 1, 3, 1, 1])
 """Most scalar measurements that an event of each code can give."""
 _LINES_PER_EVENT = 16
 """Most lines of tape that an event can give."""
@@ -150,7 +150,8 @@ def observe(
     passages = None if road_map is None else observations(log, road_map, car.metres_per_tick, settings.gps_lag)
     packets, _ = prepare(log, passages)
     events = with_grid(packets)
-    fresh = start(car, settings, learnt, float(events[0, 0]) if len(events) else 0.0)
+    begin = float(events[0, 0]) if len(events) else 0.0
+    fresh = start(car, settings, learnt, begin)
     codes = events[:, 1].astype(np.intp)
     on_grid = codes == kernel.GRID
     lines = int(np.count_nonzero(on_grid))
@@ -160,11 +161,8 @@ def observe(
         grid_P=np.empty((lines, kernel.NX)),
     )
     f.counts[kernel.RECORDING] = 1
-    checkpoints = []
-    for first in range(0, len(events), _SEGMENT):
-        checkpoints.append(tuple(array.copy() for array in (f.x, f.P, f.memory, f.counts)))
-        kernel.advance(events, first, min(first + _SEGMENT, len(events)), f)
-    smooth_x, smooth_P = _smooth(events, checkpoints, f)
+    kernel.advance(events, 0, len(events), f)
+    smooth_x, smooth_P = _smooth(packets, start(car, settings, learnt, begin), f)
     x, P, memory = f.x, f.P, f.memory
     places = {name: STATES.index(name) for name in BIASES}
     found = {name: float(x[place]) for name, place in places.items()}
@@ -186,9 +184,25 @@ def observe(
 
 
 def _smooth(
-    events: NDArray[np.float64], checkpoints: list[tuple[NDArray, ...]], f: kernel.Filter
+    packets: NDArray[np.float64], fresh: kernel.Filter, causal: kernel.Filter
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Smooth backwards, segment by segment: each is filtered again from its checkpoint, with the tape running."""
+    """Smooth the admitted `packets`: filter them once more in hindsight, then backwards, segment by segment.
+
+    In hindsight it is known when the fuel changed (`events.fuel_steps`), and thrust may change there and only there;
+    else this is the causal filter. Each segment is filtered again from its checkpoint with the tape running, so that
+    memory does not grow with the trip.
+    """
+    parameters, settings = fresh.car, fresh.settings
+    steps = fuel_steps(
+        packets, parameters[kernel.P_PULSE_LAG], parameters[kernel.P_PULSE_POWER], settings[kernel.S_CUT_GAP]
+    )
+    events = with_grid(packets, steps)
+    fresh.memory[kernel.M_HINDSIGHT] = 1.0
+    f = fresh._replace(grid_x=np.empty_like(causal.grid_x), grid_P=np.empty_like(causal.grid_P))
+    checkpoints = []
+    for first in range(0, len(events), _SEGMENT):
+        checkpoints.append(tuple(array.copy() for array in (f.x, f.P, f.memory, f.counts)))
+        kernel.advance(events, first, min(first + _SEGMENT, len(events)), f)
     lines = _LINES_PER_EVENT * min(_SEGMENT, len(events)) + 1
     on_grid = events[:, 1] == kernel.GRID
     in_segment = max((int(np.sum(on_grid[i : i + _SEGMENT])) for i in range(0, len(events), _SEGMENT)), default=0)

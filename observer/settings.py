@@ -34,7 +34,7 @@ class ObserverSettings:
     """s: quantum of the injector pulse's time."""
     pulse_deviation: float = 0.006
     """Relative deviation of one pulse's fuel."""
-    pulse_power_deviation: float = 0.03
+    pulse_power_deviation: float = 0.01
     """Relative deviation of the power that one pulse foretells for the interval it opens."""
     cut_gap: float = 0.25
     """s without a pulse: fuel is cut off."""
@@ -57,7 +57,7 @@ class ObserverSettings:
     """s: smallest time from an epoch to the last stamped packet before its sentence was complete."""
     gps_speed: float = 0.15
     """m/s."""
-    gps_course: float = 0.25
+    gps_course: float = 0.15
     """m/s across the track: the course's deviation is this / speed."""
     # other sensors
     speed_deviation: float = 0.15
@@ -73,13 +73,13 @@ class ObserverSettings:
     """m2/s."""
     speed_noise: float = 1e-5
     """(m/s)2/s."""
-    thrust_noise: float = 2e4
+    thrust_noise: float = 3e3
     """N2/s, always there."""
     thrust_noise_cut: float = 4e6
     """N2/s while fuel is cut off or wheels are silent: brakes show nowhere else."""
-    thrust_gain: float = 0.35
+    thrust_gain: float = 0.25
     """Thrust that a change of fuel power foretells: gain x change / speed (an efficiency, on average)."""
-    thrust_settling: float = 0.15
+    thrust_settling: float = 0.07
     """s over which a foretold change of thrust arrives."""
     heading_noise: float = 1e-7
     """rad2/s."""
@@ -91,7 +91,7 @@ class ObserverSettings:
     """m2/s."""
     straightness_noise: float = 3e-7
     """(rad/m)2 per metre."""
-    vertical_straightness_noise: float = 3e-9
+    vertical_straightness_noise: float = 1e-9
     """(rad/m)2 per metre."""
     energy_noise: float = 1.0
     """J2/s."""
@@ -99,7 +99,7 @@ class ObserverSettings:
     """W2/s."""
     angle_noise: float = 1e-6
     """rad2/s."""
-    engine_speed_noise: float = 1000.0
+    engine_speed_noise: float = 50.0
     """(rad/s)2/s."""
     engine_speed_noise_cut: float = 5000.0
     """(rad/s)2/s while no pulse tells it."""
@@ -117,6 +117,18 @@ class ObserverSettings:
     """s of rejections in a row after which the gate opens again."""
     skew_limit: float = 300e-6
     """Largest relative rate of the logger's clock that is believed."""
+    # the smoother knows when the fuel changed
+    thrust_gain_hindsight: float = 0.4
+    thrust_noise_hindsight: float = 2e3
+    """N2/s."""
+    power_noise_hindsight: float = 1e6
+    """W2/s."""
+    odometer_scale: float = 0.006
+    """Relative: wheel radius and slip, which the filter takes for speed; the stated variance of the speed holds them."""
+    map_heading_scale: float = 0.5
+    """Share of the deviation that the matcher states of a heading,"""
+    map_straightness_scale: float = 0.2
+    """and of a straightness, that is seen in fact."""
 
     def vector(self) -> NDArray[np.float64]:
         """The settings in the order of their fields, as the kernel reads them."""
