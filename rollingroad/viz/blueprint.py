@@ -1,13 +1,10 @@
 """How rerun's viewer lays a run out."""
 
-import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from observer.efficiency_map import EfficiencyMap
 
-
-def blueprint(found: EfficiencyMap) -> rrb.Blueprint:
+def blueprint() -> rrb.Blueprint:
     """Three tabs, every signal in three clicks: the drive, the observer, the engine with the advice."""
     whole = rrb.TimeAxis(
         view_range=rr.TimeRange(start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite())
@@ -21,14 +18,7 @@ def blueprint(found: EfficiencyMap) -> rrb.Blueprint:
 
     paper = (255, 255, 255)
     plan = rrb.Spatial2DView(origin="/plan", name="plan (m)", background=paper)
-    cells = np.argwhere(found.count.any(axis=1)).ravel()
-    span = (float(cells[0]) - 8.0, float(cells[-1]) + 3.0) if len(cells) else (0.0, float(len(found.count)))
-    engine = rrb.Spatial2DView(
-        origin="/engine_map",
-        name="engine on the efficiency map found",
-        background=paper,
-        visual_bounds=rrb.VisualBounds2D(x_range=span, y_range=(-2.0, len(found.torque) + 5.0)),
-    )
+    engine = rrb.Spatial2DView(origin="/engine_map", name="engine on the efficiency map found", background=paper)
     earth = rrb.MapView(origin="/map", name="map (needs the net for its tiles)")
     events = rrb.StateTimelineView(
         name="faults and outages, clutch", contents=["/faults/**", "/state/**"], time_view=whole

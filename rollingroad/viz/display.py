@@ -39,6 +39,8 @@ class Frame:
     advised_gear: int
     costate: float
     """kJ per m/s: the worth of speed."""
+    costate_share: float
+    """0 to 1: of the largest on this road."""
     efficiency: float
     """%, of the fuel's power at the wheels: engine efficiency, not distance per litre; 0 where the fuel is cut."""
 
@@ -58,7 +60,7 @@ def frames(trip: Trip, advice: Advice) -> list[Frame]:
     efficiency = np.where(fuel > 0.0, 100.0 * np.maximum(power, 0.0) / np.maximum(fuel, 1.0), 0.0)
     columns = (
         trip.time[rows], trip.distance[rows] / 1e3, 3.6 * trip.speed[rows], 3.6 * wanted, arrow,
-        trip.gear[rows], gear, costate / 1e3, efficiency,
+        trip.gear[rows], gear, costate / 1e3, costate / max(float(advice.costate.max()), 1e-9), efficiency,
     )  # fmt: skip
     return [
         Frame(*map(float, row[:5]), int(row[5]), int(row[6]), *map(float, row[7:]))

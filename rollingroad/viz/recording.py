@@ -39,7 +39,7 @@ def write_recording(run: Run, path: Path) -> None:
     aside = path.with_name(path.name + ".part")
     name = f"{run.results['scenario']}, {run.results['car']}, seed {run.results['seed']}"
     recording = rr.RecordingStream("rollingroad", recording_id=name)
-    recording.save(aside, default_blueprint=blueprint(run.efficiency_map))
+    recording.save(aside, default_blueprint=blueprint())
     writer = _Writer(recording)
     _write_drive(writer, "baseline", charts.BASELINE, run.baseline)
     _write_drive(writer, "advised", charts.ADVISED, run.advised)
@@ -151,7 +151,7 @@ def _write_road(out: _Writer, run: Run) -> None:
 
 def _write_advice(out: _Writer, run: Run) -> None:
     advice = run.advice
-    clock = _Clock(advice.time, advice.s)
+    clock = _Clock(np.interp(advice.s, run.advised.distance, run.advised.time), advice.s)  # where the driver met it
     out.series("speed/advice", clock, advice.speed * _KMH, charts.ADVICE, "advice")
     out.series("gear/advice", clock, advice.gear.astype(float), charts.ADVICE, "advice", "steps")
     out.series("engine/torque/advice", clock, advice.torque, charts.ADVICE, "advice")
@@ -217,6 +217,7 @@ def _write_records(out: _Writer, run: Run) -> None:
 
 def _write_gps(out: _Writer, run: Run) -> None:
     gps = run.log["gps"]
+    gps = gps[(gps["quality"] > 0) & np.isfinite(gps["latitude"]) & np.isfinite(gps["altitude"])]
     if len(gps) == 0:
         return
     east, north, _ = pymap3d.geodetic2enu(gps["latitude"], gps["longitude"], gps["altitude"], *run.baseline.origin)
@@ -247,32 +248,43 @@ def _gaps(time: Array, longest: float = 1.0) -> tuple[Array, Array]:
 
 
 def _write_engine_map(out: _Writer, found: EfficiencyMap, trip: Trip) -> None:
-    """The map as an image, one pixel per cell, and the engine's place on it: x in cells of 50 rpm, y down in 2 N m."""
-    picture = colormaps["cividis"](np.clip(np.nan_to_num(found.mean) / 0.4, 0.0, 1.0))
-    picture[~np.isfinite(found.mean)] = (0.93, 0.93, 0.93, 1.0)
-    doubtful = np.isfinite(found.mean) & ~found.valid
-    picture[doubtful] = 0.4 * picture[doubtful] + 0.6
+    """The visited part of the map as an image, one pixel per cell, and the engine's place on it: x right, y down."""
+    columns, rows = _used(np.any(found.count > 0, axis=1)), _used(np.any(found.count > 0, axis=0))
+    mean, valid = found.mean[columns, rows], found.valid[columns, rows]
+    picture = colormaps["cividis"](np.clip(np.nan_to_num(mean) / 0.4, 0.0, 1.0))
+    picture[~np.isfinite(mean)] = (0.93, 0.93, 0.93, 1.0)
+    doubtful = np.isfinite(mean) & ~valid
+    picture[doubtful] = 0.5 * picture[doubtful] + 0.5
     image = (255 * picture[:, :, :3]).astype(np.uint8).transpose(1, 0, 2)[::-1]
     out.static("engine_map/found", rr.Image(np.ascontiguousarray(image)))
 
-    def cells(engine_speed: Array, torque: Array) -> Array:
-        x = (engine_speed - found.engine_speed[0]) / (found.engine_speed[1] - found.engine_speed[0]) + 0.5
-        y = len(found.torque) - 0.5 - (torque - found.torque[0]) / (found.torque[1] - found.torque[0])
+    engine_speed, torque = found.engine_speed[columns], found.torque[rows]
+
+    def cells(omega: Array, load: Array) -> Array:
+        x = (omega - engine_speed[0]) / (found.engine_speed[1] - found.engine_speed[0]) + 0.5
+        y = len(torque) - 0.5 - (load - torque[0]) / (found.torque[1] - found.torque[0])
         return np.column_stack([x, y])
 
-    rows = slice(None, None, max(round(1.0 / _RATE / trip.step), 1))
-    speed = trip.engine_speed[rows]
-    torque = np.maximum(trip.thrust[rows] * trip.speed[rows] / np.maximum(speed, 1.0), 0.0)
-    now = rr.Points2D.columns(positions=cells(speed, torque))
-    out.columns("engine_map/now", _Clock(trip.time[rows], trip.distance[rows]), now)
+    every = slice(None, None, max(round(1.0 / _RATE / trip.step), 1))
+    omega = trip.engine_speed[every]
+    load = np.maximum(trip.thrust[every] * trip.speed[every] / np.maximum(omega, 1.0), 0.0)
+    now = rr.Points2D.columns(positions=cells(omega, load))
+    out.columns("engine_map/now", _Clock(trip.time[every], trip.distance[every]), now)
     out.static("engine_map/now", rr.Points2D.from_fields(colors=[_rgb(charts.VERMILION)], radii=[0.8]))
-    rpm = np.arange(1000.0, found.engine_speed[-1] * _RPM, 1000.0)
-    torques = np.arange(20.0, found.torque[-1], 20.0)
-    ticks = np.vstack([cells(rpm / _RPM, 0 * rpm), cells(0 * torques + found.engine_speed[0], torques)])
-    labels = [f"{value:.0f} rpm" for value in rpm] + [f"{value:.0f} N m" for value in torques]
+    rpm = np.arange(1000.0, engine_speed[-1] * _RPM, 1000.0)
+    loads = np.arange(20.0, torque[-1], 20.0)
+    below, left = 0 * rpm + torque[0] - 3.0, 0 * loads + engine_speed[0]
+    ticks = np.vstack([cells(rpm / _RPM, below), cells(left, loads)])
+    labels = [f"{value:.0f} rpm" for value in rpm] + [f"{value:.0f} N m" for value in loads]
     out.static(
         "engine_map/ticks", rr.Points2D(ticks, labels=labels, show_labels=True, radii=[0.2], colors=[(90, 90, 90)])
     )
+
+
+def _used(mask: NDArray[np.bool_]) -> slice:
+    """From the first to the last cell in use; all, if none is."""
+    cells = np.flatnonzero(mask)
+    return slice(int(cells[0]), int(cells[-1]) + 1) if len(cells) > 1 else slice(None)
 
 
 def _plan(east: Array, north: Array) -> Array:

@@ -27,6 +27,7 @@ def write_report(run: Run, path: Path) -> None:
         "figures_table": _figures(r, intervals),
         "settings": ", ".join(f"{key} = {value:g}" for key, value in (r.get("settings") or {}).items()),
         "notes": list(r.get("notes") or []),
+        "fits": [(fit.name, number(fit.r2, 3, "")) for fit in sorted(run.fits.values(), key=lambda fit: fit.name)],
         "damage": _damage(run),
         "version": f" {version('rollingroad')}",
         "files": "run.rrd (rollingroad view), trip.kml, truth.parquet, estimate.parquet, map.parquet, advice.parquet",
@@ -53,9 +54,10 @@ def _answer(run: Run) -> str:
 def _tiles(r: Mapping[str, Any], intervals: RunIntervals) -> list[dict[str, str]]:
     share = number(scaled(r["map"]["fuel_share"], 100), 0, "%")
     error = interval(_times(intervals.map_rmse, 100), 2, "")
+    alone = "no drives bracket its time" if r["saving_percent"] is None else "one pair of drives: no interval"
     return [
         {"name": "saved at equal time", "value": number(r["saving_percent"], 1, "%", sign=True),
-         "note": interval(r["saving_ci95"], 1, "%", "one pair of drives: no interval")},
+         "note": interval(r["saving_ci95"], 1, "%", alone)},
         {"name": "oracle", "value": number(r["oracle_saving_percent"], 1, "%", sign=True),
          "note": "plan on the true map, followed perfectly"},
         {"name": "naive figure, not a saving", "value": number(r["naive_saving_percent"], 1, "%", sign=True),

@@ -127,7 +127,7 @@ def map_chart(found: EfficiencyMap, truth: NDArray[np.float64] | None) -> Chart:
         "Faint: visited, not trusted. White: never visited.",
         panels,
         beside=True,
-        height=330,
+        height=380,
     )
 
 
