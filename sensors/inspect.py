@@ -95,7 +95,9 @@ def reference_speed(log: SensorLog) -> tuple[NDArray[np.float64], NDArray[np.flo
     near = 8
     middle = 0.5 * (t[near:] + t[:-near])
     rate = near / np.maximum(t[near:] - t[:-near], 1e-3)
-    return middle, np.where(np.max(np.lib.stride_tricks.sliding_window_view(np.diff(t), near), axis=1) < 1.0, rate, np.nan)
+    return middle, np.where(
+        np.max(np.lib.stride_tricks.sliding_window_view(np.diff(t), near), axis=1) < 1.0, rate, np.nan
+    )
 
 
 def _blocks(count: int, length: int, rng: np.random.Generator) -> NDArray[np.float64]:

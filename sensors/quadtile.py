@@ -230,6 +230,8 @@ def read(directory: Path) -> Database:
             latitude.append(lat)
             longitude.append(lon)
             at += 18 + 4 * count
+        if at != len(nodes):
+            raise struct.error
     except struct.error as error:
         raise BadInput(directory / "nodes.dat", f"byte {at}", "a whole node entry (table C.1)") from error
     ways = content["ways.dat"]

@@ -21,7 +21,7 @@ def tooth_pattern(car: Car, settings: BoxSettings) -> NDArray[np.float64]:
     """Where the teeth of one turn stand, in pitches from their even places; zero mean."""
     teeth = max(2, round(2.0 * np.pi * car.wheel_radius / car.metres_per_tick))
     pattern = settings.wheel_tooth_error * generator(settings.device_seed, "box.wheel.teeth").standard_normal(teeth)
-    return pattern - pattern.mean()
+    return (pattern - pattern.mean()) * np.sqrt(teeth / (teeth - 1))
 
 
 def measure(trip: Trip, car: Car, settings: BoxSettings, seed: int) -> NDArray:

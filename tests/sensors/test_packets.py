@@ -53,7 +53,9 @@ def test_each_packet_means_what_the_contract_says():
 def test_written_packets_are_the_contracts_bytes():
     rows = np.zeros(1, dtype=[("ms", "<u4"), ("sub", "u1")])
     rows["ms"], rows["sub"] = 0x01020304, 5
-    assert encode([Packets.of(3, np.zeros(1), rows)]) == bytes([255, 3, 6, 4, 3, 2, 1, 5, (6 + 4 + 3 + 2 + 1 + 5) % 256])
+    assert encode([Packets.of(3, np.zeros(1), rows)]) == bytes(
+        [255, 3, 6, 4, 3, 2, 1, 5, (6 + 4 + 3 + 2 + 1 + 5) % 256]
+    )
 
 
 def test_compiled_scan_agrees_with_the_readable_one(card):
