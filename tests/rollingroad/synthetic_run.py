@@ -133,6 +133,7 @@ def sense(trip, rng):
     gps["altitude"] = trip.altitude[rows] + rng.normal(0, 3, len(rows))
     gps["hdop"] = np.where(trip.sky[rows] == CANYON, 3.5, 1.1)
     gps["speed"] = trip.speed[rows]
+    gps["quality"] = 1
     return SensorLog({"gps": gps}, {"bad_check": 3, "bytes_skipped": 41}, "log.dat")
 
 
