@@ -151,7 +151,11 @@ def test_a_nominal_car_has_the_road_load_it_was_given():
 
 def test_epa_units():
     a, b, c = epa_road_load(1.0, 1.0, 1.0)
-    assert a == pytest.approx(4.4482, rel=1e-4) and b == pytest.approx(9.950, rel=1e-3) and c == pytest.approx(22.26, rel=1e-3)
+    assert (
+        a == pytest.approx(4.4482, rel=1e-4)
+        and b == pytest.approx(9.950, rel=1e-3)
+        and c == pytest.approx(22.26, rel=1e-3)
+    )
 
 
 def test_a_ladder_descends_to_its_top():

@@ -9,10 +9,10 @@ import pytest
 from vehicle_model.car.effects import SUBSYSTEMS, Effect, Parameter, complete_settings
 from vehicle_model.car.errors import BadInput
 from vehicle_model.car.files import read_car
+from vehicle_model.plant.cycle import replay
 from vehicle_model.plant.effects import EFFECTS
 from vehicle_model.plant.parameters import plant_parameters
-from vehicle_model.plant.cycle import replay
-from vehicle_model.plant.signatures import nominal_drive, settings_of, signature, proving_ground
+from vehicle_model.plant.signatures import nominal_drive, proving_ground, settings_of, signature
 
 IDS = [(effect, part.name) for effect in EFFECTS for part in effect.parameters if part.primary]
 
@@ -144,5 +144,7 @@ def test_the_documentation_lists_every_parameter():
     text = (Path(__file__).parents[2] / "docs" / "effects.md").read_text()
     for effect in EFFECTS:
         for part in effect.parameters:
-            row = re.search(rf"\| `{effect.id}` \| `{part.name}` \| [^|]*\| {re.escape(f'{part.neutral:.4g}')} \|", text)
+            row = re.search(
+                rf"\| `{effect.id}` \| `{part.name}` \| [^|]*\| {re.escape(f'{part.neutral:.4g}')} \|", text
+            )
             assert row, f"{effect.id}.{part.name}: run python -m vehicle_model.plant.signatures > docs/effects.md"

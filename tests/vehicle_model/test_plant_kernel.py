@@ -81,7 +81,16 @@ def test_no_joule_is_lost(name, car, settings):
     assert account.fuel > 1e6
     assert abs(account.imbalance) < 1e-9
     assert abs(account.wheel_imbalance) < 1e-9
-    for loss in ("exhaust_and_cooling", "friction", "pumping", "accessories", "clutch", "gearbox", "wheel_slip", "drag"):
+    for loss in (
+        "exhaust_and_cooling",
+        "friction",
+        "pumping",
+        "accessories",
+        "clutch",
+        "gearbox",
+        "wheel_slip",
+        "drag",
+    ):
         assert getattr(account, loss) > 0.0, loss
     assert np.isfinite(x).all()
 

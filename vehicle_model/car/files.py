@@ -86,7 +86,9 @@ FORM: dict[tuple[str, str], str | None] = {
     ("rollingroad/tolerances", "wheelRadius"): "0.001",
     ("rollingroad/tolerances", "wind"): "0.4",
 }
-_LABELS = tuple(key for key, default in FORM.items() if default == "" and key[0].split("/")[0] in ("car", "accelerometer"))
+_LABELS = tuple(
+    key for key, default in FORM.items() if default == "" and key[0].split("/")[0] in ("car", "accelerometer")
+)
 Values = dict[tuple[str, str], str]
 
 
@@ -98,7 +100,9 @@ def read_car(name_or_path: str | Path) -> Car:
     path = Path(name_or_path)
     shipped = resources.files("vehicle_model") / "cars" / f"{name_or_path}.xml"
     if path.suffix == "" and shipped.is_file():
-        return _car(_read_xml(shipped.read_bytes(), f"{name_or_path}.xml"), (), str(name_or_path), f"{name_or_path}.xml")
+        return _car(
+            _read_xml(shipped.read_bytes(), f"{name_or_path}.xml"), (), str(name_or_path), f"{name_or_path}.xml"
+        )
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -228,7 +232,9 @@ def _car(values: Values, logs: tuple[str, ...], name: str, source: object) -> Ca
         idle_speed=number("engine/idle", "rpm") * RPM,
         redline_speed=(number("rollingroad/engine", "redline") * RPM) if redline else 1.15 * power_speed,
         inertia=number("engine/inertia", "lumped"),
-        turbocharged=turbo_text == "yes" if turbo_text else bool(re.search(r"turbo|suprex|t-?gdi", kind, re.IGNORECASE)),
+        turbocharged=turbo_text == "yes"
+        if turbo_text
+        else bool(re.search(r"turbo|suprex|t-?gdi", kind, re.IGNORECASE)),
         friction=number("rollingroad/engine", "friction"),
         throttling=number("rollingroad/engine", "throttling"),
         kind=kind,
@@ -302,7 +308,9 @@ def _cylinders(kind: str, declared: str, source: object) -> int:
         if not declared.isdigit():
             raise BadInput(source, "rollingroad/engine cylinders", f"a whole number, found {declared!r}")
         return int(declared)
-    match = re.search(r"(?:inline|in-line|straight|flat|boxer|\b[vil])[\s-]*(\d{1,2})\b|\b(\d{1,2})[\s-]*cyl", kind, re.IGNORECASE)
+    match = re.search(
+        r"(?:inline|in-line|straight|flat|boxer|\b[vil])[\s-]*(\d{1,2})\b|\b(\d{1,2})[\s-]*cyl", kind, re.IGNORECASE
+    )
     return int(match.group(1) or match.group(2)) if match else 4
 
 
@@ -367,7 +375,9 @@ def _xml(car: Car) -> str:
 
     label = car.labels.get
     lines = ['<?xml version="1.0" encoding="UTF-8" ?>', "<ponthy_config>", "  <car>"]
-    lines += [f"    {say(word, **{word: label(f'car.{word}', '')})}" for word in ("owner", "make", "model", "year", "color")]
+    lines += [
+        f"    {say(word, **{word: label(f'car.{word}', '')})}" for word in ("owner", "make", "model", "year", "color")
+    ]
     power = f"{_exact(e.max_power, 1e3)!r}kW @{_exact(e.max_power_speed, RPM)!r}rpm"
     torque = f"{e.max_torque!r}Nm @{_exact(e.max_torque_speed, RPM)!r}rpm"
     lines += [

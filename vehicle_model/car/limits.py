@@ -65,7 +65,9 @@ def check_car(car: Car, source: object) -> None:
             value = getattr(value, part)
         value = value * factor
         if not isfinite(value) or not low <= value <= high:
-            raise BadInput(source, name, f"{value:g} {unit}".strip() + f" is outside {low:g} to {high:g} {unit}".rstrip())
+            raise BadInput(
+                source, name, f"{value:g} {unit}".strip() + f" is outside {low:g} to {high:g} {unit}".rstrip()
+            )
     e = car.engine
     for gear, ratio in enumerate(car.gear_ratios, start=1):
         if not isfinite(ratio) or not 0.5 <= ratio <= 40.0:
@@ -73,7 +75,9 @@ def check_car(car: Car, source: object) -> None:
     for gear, (upper, lower) in enumerate(zip(car.gear_ratios, car.gear_ratios[1:], strict=False), start=1):
         if lower >= upper:
             raise BadInput(
-                source, f"transmission gear {gear + 1}", f"{lower:g} is not below gear {gear}'s {upper:g}: gears descend"
+                source,
+                f"transmission gear {gear + 1}",
+                f"{lower:g} is not below gear {gear}'s {upper:g}: gears descend",
             )
     order = (e.idle_speed, e.max_torque_speed, e.max_power_speed)
     if not order[0] < order[1] <= order[2] <= e.redline_speed * 1.0001:

@@ -44,9 +44,7 @@ EFFECTS: tuple[Effect, ...] = (
         "rolling_resistance",
         "road_load",
         "Rolling resistance: level, pressure",
-        (
-            Parameter("factor", "", 1.0, 0.7, 1.4, "Crr 0.007-0.017; A/(m g) 5/50/95 % 0.0056/0.0092/0.0131 [EPA]"),
-        ),
+        (Parameter("factor", "", 1.0, 0.7, 1.4, "Crr 0.007-0.017; A/(m g) 5/50/95 % 0.0056/0.0092/0.0131 [EPA]"),),
         ("road_load",),
         ("grade_map_error", "brake_drag", "mass"),
     ),
@@ -94,7 +92,9 @@ EFFECTS: tuple[Effect, ...] = (
         (
             Parameter("temperature", "K", 363.15, 253.15, 363.15, "soak -20 C to thermostat"),
             _shape("exponent", "", 4.0, 3.0, 8.0, "friction x (T/T_target)^-t, t 3.5-4.5 (0-8) [C]"),
-            _shape("energy", "J/m3", 1.5e9, 0.5e9, 5.0e9, "fuel per displacement that warms the coolant by 1 - 1/e [meas]"),
+            _shape(
+                "energy", "J/m3", 1.5e9, 0.5e9, 5.0e9, "fuel per displacement that warms the coolant by 1 - 1/e [meas]"
+            ),
             _shape("oil_energy", "J/m3", 4.0e9, 1.5e9, 12.0e9, "the same of the oil: one exponential is not enough"),
             _shape("oil_share", "", 0.4, 0.0, 1.0, "share of the friction that follows the oil (M)"),
             _shape("enrichment", "", 1.0, 0.0, 2.0, "fuel per (1 - T/T_target): wall wetting (M)"),
@@ -262,7 +262,11 @@ EFFECTS: tuple[Effect, ...] = (
         "cornering_drag",
         "road_load",
         "Cornering resistance",
-        (Parameter("factor", "", 1.0, 0.0, 3.0, "1-3 % on winding roads (M); cornering stiffness 10 per rad of weight"),),
+        (
+            Parameter(
+                "factor", "", 1.0, 0.0, 3.0, "1-3 % on winding roads (M); cornering stiffness 10 per rad of weight"
+            ),
+        ),
         ("road_load",),
         ("head_wind",),
     ),

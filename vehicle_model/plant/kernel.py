@@ -9,7 +9,6 @@ Everything a kernel needs stands in this file, constants included: numba's cache
 
 import math
 
-import numpy as np
 from numba import njit
 
 TABLE = 96
@@ -311,9 +310,7 @@ def step(p, x, force, gear_wanted, pitch, straightness, vertical, heading, dt):
     flow_angle2 = min(across * across / max(air * air, 1.0), 0.12)
     drag = p[P_DRAG] * air * abs(air) * (1.0 + p[P_YAW_DRAG] * flow_angle2)
     load = max(mass * (p[P_GRAVITY] * math.cos(pitch) + vertical * v0 * v0), 0.0)
-    cold_tyre = p[P_TYRE_COLD] * (
-        p[P_TYRE_FAST_SHARE] * x[X_TYRE_FAST] + (1.0 - p[P_TYRE_FAST_SHARE]) * x[X_TYRE]
-    )
+    cold_tyre = p[P_TYRE_COLD] * (p[P_TYRE_FAST_SHARE] * x[X_TYRE_FAST] + (1.0 - p[P_TYRE_FAST_SHARE]) * x[X_TYRE])
     rolling = p[P_ROLLING] * load * (p[P_ROLLING_BASE] + p[P_ROLLING_SPEED] * v0 * v0) * (1.0 + cold_tyre)
     lateral = v0 * v0 * straightness
     cornering = p[P_CORNERING] * lateral * lateral
@@ -780,8 +777,10 @@ def follow(p, x, trace, trace_step, own_gears, steps, dt, every, record):
     """
     last = trace.shape[0] - 1
     rows = 0
-    mass = p[P_MASS] + p[P_DRIVEN_INERTIA] / (p[P_RADIUS] * p[P_RADIUS]) + p[P_FREE_INERTIA] / (
-        p[P_FREE_RADIUS] * p[P_FREE_RADIUS]
+    mass = (
+        p[P_MASS]
+        + p[P_DRIVEN_INERTIA] / (p[P_RADIUS] * p[P_RADIUS])
+        + p[P_FREE_INERTIA] / (p[P_FREE_RADIUS] * p[P_FREE_RADIUS])
     )
     per_step = dt / trace_step
     for k in range(steps):
@@ -827,7 +826,11 @@ def steady_fuel(p, speed, brake):
     if indicated <= 0.0:
         return 0.0
     return (
-        indicated * speed / indicated_efficiency(p, speed, indicated) * mixture(p, speed, brake, full) / p[P_FUEL_ENERGY]
+        indicated
+        * speed
+        / indicated_efficiency(p, speed, indicated)
+        * mixture(p, speed, brake, full)
+        / p[P_FUEL_ENERGY]
     )
 
 

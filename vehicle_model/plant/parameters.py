@@ -190,7 +190,9 @@ def _accessories(p: NDArray[np.float64], car: Car, s: dict[str, float]) -> None:
 
 def _closed_throttle(p: NDArray[np.float64], car: Car) -> None:
     """A closed throttle leaves less air than the warm engine's idle needs, so that idle is the governor's to hold."""
-    shaft = float(np.interp(p[k.P_IDLE] * p[k.P_TABLE_RATE], np.arange(k.TABLE), p[k.P_FRICTION : k.P_FRICTION + k.TABLE]))
+    shaft = float(
+        np.interp(p[k.P_IDLE] * p[k.P_TABLE_RATE], np.arange(k.TABLE), p[k.P_FRICTION : k.P_FRICTION + k.TABLE])
+    )
     shaft += car.driveline.electrical_power / p[k.P_ALTERNATOR] / p[k.P_IDLE]
     indicated, _ = k.indicated_torque(p, p[k.P_IDLE], shaft)
     p[k.P_CLOSED_PRESSURE] = 0.75 * indicated / (p[k.P_TORQUE_PER_PRESSURE] * p[k.P_PRESSURE_GAIN])

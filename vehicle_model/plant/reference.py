@@ -32,7 +32,9 @@ Array = NDArray[np.float64]
 
 def parameters_by_name(p: Array) -> SimpleNamespace:
     """Return the vector `p` as attributes in lower case ("mass", "radius" ...), tables as arrays over engine speed."""
-    named = {name[2:].lower(): float(p[index]) for name, index in vars(k).items() if name[:2] == "P_" and index < k.P_RATIO}
+    named = {
+        name[2:].lower(): float(p[index]) for name, index in vars(k).items() if name[:2] == "P_" and index < k.P_RATIO
+    }
     nodes = np.arange(k.TABLE) / p[k.P_TABLE_RATE]
     for name in ("full_load", "friction", "speed_efficiency", "back_pressure"):
         base = getattr(k, f"P_{name.upper()}")
@@ -91,7 +93,9 @@ class RoadLoad:
         return self.drag + self.rolling + self.cornering + self.brake_drag + self.climb
 
 
-def road_load(p: SimpleNamespace, x: State, pitch: float, straightness: float, vertical: float, heading: float) -> RoadLoad:
+def road_load(
+    p: SimpleNamespace, x: State, pitch: float, straightness: float, vertical: float, heading: float
+) -> RoadLoad:
     """Air drag in the wind, rolling on the weight that the road's curvature leaves, cornering, brake drag, grade."""
     v = x["speed"]
     wind = p.wind * (1.0 + p.gust * sin(p.gust_rate * x["time"]))

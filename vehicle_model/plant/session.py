@@ -31,7 +31,9 @@ class Plant:
         self.car, self.route, self.step = car, route, step
         self.parameters = plant_parameters(car, settings)
         self.state = np.zeros(k.STATES)
-        k.initial_state(self.parameters, self.state, float(speed), float(_start_gear(car, speed) if gear is None else gear))
+        k.initial_state(
+            self.parameters, self.state, float(speed), float(_start_gear(car, speed) if gear is None else gear)
+        )
         self._road = np.ascontiguousarray(
             np.column_stack([route.pitch, route.straightness, route.vertical_straightness, route.heading])
         )
@@ -141,7 +143,16 @@ def build_trip(record: NDArray[np.float64], step: float, route: Route) -> Trip:
     """Return the trip of `record` (n, `kernel.COLUMNS`), whose road channels come from `route`."""
     channels = {name: record[:, n].copy() for n, name in enumerate(k.RECORD)}
     s = channels["distance"]
-    for name in ("north", "east", "altitude", "heading", "pitch", "straightness", "vertical_straightness", "speed_limit"):
+    for name in (
+        "north",
+        "east",
+        "altitude",
+        "heading",
+        "pitch",
+        "straightness",
+        "vertical_straightness",
+        "speed_limit",
+    ):
         channels[name] = np.interp(s, route.s, getattr(route, name))
     nearest = np.clip(np.rint((s - route.s[0]) / (route.s[1] - route.s[0])).astype(int), 0, len(route.s) - 1)
     channels["sky"] = route.sky[nearest].astype(np.float64)

@@ -104,7 +104,9 @@ def signature(car: Car, settings: Mapping[str, float], track: Channels, nominal:
     turns = {id(run): run["wheel_angle"][-1] / run["distance"][-1] for run in (nominal, changed)}
     coasting = both & (nominal["throttle"] < 0.05) & (changed["throttle"] < 0.05)
     driving = both & (nominal["fuel_power"] > 0.0) & (changed["fuel_power"] > 0.0) & ~coasting
-    overrun_fuel = float(np.sum((changed["fuel_power"] - nominal["fuel_power"])[coasting]) / np.sum(nominal["fuel_power"]))
+    overrun_fuel = float(
+        np.sum((changed["fuel_power"] - nominal["fuel_power"])[coasting]) / np.sum(nominal["fuel_power"])
+    )
     return Signature(
         fuel=float(changed["fuel_energy"][-1] / nominal["fuel_energy"][-1] - 1.0),
         thrust=rms(changed["thrust"] - nominal["thrust"]),

@@ -1,0 +1,128 @@
+"""Figure and table of the computed engine maps beside measured ones: python docs/engine_map.py [FOLDER OF MEASURED MAPS].
+
+Measured: ADVISOR's maps (NREL), columns rpm, torque, fuel; default ../shared/data/engine_maps. Writes docs/engine_map.png
+and docs/engine_map.md.
+"""
+
+import csv
+import sys
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+
+from vehicle_model.car.files import read_car
+from vehicle_model.plant import steady
+from vehicle_model.plant.parameters import plant_parameters
+
+HERE = Path(__file__).parent
+MEASURED = {"SI41_emis": "1.0 l", "SI63_emis": "1.9 l SOHC", "SI95": "1.9 l DOHC", "SI102_emis": "3.0 l V6"}
+SHARES = (0.30, 0.50, 0.80)
+"""Engine speeds shown, of the speed of full power (measured maps: of their last speed)."""
+RPM = 2.0 * np.pi / 60.0
+
+
+def measured(folder: Path, name: str) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Load share and brake efficiency at the map's speeds nearest to `SHARES`."""
+    with (folder / f"FC_{name}.csv").open() as file:
+        rows = [{key: float(value or "nan") for key, value in row.items()} for row in csv.DictReader(file)]
+    with (folder / f"FC_{name}_wot.csv").open() as file:
+        limit = np.array([[float(value) for value in row.values()] for row in csv.DictReader(file)])
+    speeds = np.unique([row["rpm"] for row in rows])
+    curves = []
+    for share in SHARES:
+        rpm = speeds[np.argmin(np.abs(speeds - share * limit[-1, 0]))]
+        full = float(np.interp(rpm, limit[:, 0], limit[:, 1]))
+        points = [
+            (row["torque_Nm"] / full, row["brake_eff_lhv42p6" if "brake_eff_lhv42p6" in row else "brake_eff_lhv42.6"])
+            for row in rows
+            if row["rpm"] == rpm and 0.0 < row["torque_Nm"] <= 1.001 * full
+        ]
+        curves.append(tuple(np.array(points).T))
+    return curves
+
+
+def main(folder: Path) -> None:
+    figure, axes = plt.subplots(2, 3, figsize=(13, 8))
+    rows = []
+    for car_name, colour in (("smart", "tab:blue"), ("peugeot", "tab:red")):
+        car = read_car(car_name)
+        p = plant_parameters(car)
+        top = car.engine.max_power_speed
+        for axis, share in zip(axes[0], SHARES, strict=True):
+            full = steady.engine_full_load(p, share * top)
+            load = np.linspace(0.05, 1.0, 60)
+            eta = share * top * load * full / steady.engine_fuel_power(p, share * top, load * full)
+            axis.plot(load, eta, color=colour, lw=2.5, label=f"{car_name}, {share * top / RPM:.0f} rpm")
+        w = np.linspace(car.engine.idle_speed, car.engine.redline_speed, 120)
+        torque = np.linspace(0.02, 1.0, 120) * car.engine.max_torque
+        grid_w, grid_t = np.meshgrid(w, torque)
+        eta = grid_w * grid_t / steady.engine_fuel_power(p, grid_w, grid_t)
+        eta[grid_t > steady.engine_full_load(p, grid_w)] = np.nan
+        axis = axes[1][0 if car_name == "smart" else 1]
+        lines = axis.contour(
+            grid_w / RPM, grid_t, eta, levels=[0.1, 0.15, 0.2, 0.24, 0.27, 0.29, 0.31, 0.32, 0.33, 0.34, 0.35, 0.36]
+        )
+        axis.clabel(lines, fmt="%.2f", fontsize=8)
+        axis.plot(w / RPM, steady.engine_full_load(p, w), "k", lw=1.5)
+        axis.set(title=f"{car_name}: brake efficiency, computed", xlabel="engine speed [rpm]", ylabel="torque [Nm]")
+        best = np.unravel_index(np.nanargmax(eta), eta.shape)
+        gears = range(1, len(car.gear_ratios) + 1)
+        wheel = max(
+            float(
+                np.nanmax(
+                    np.where(
+                        grid_t < steady.full_load(p, g, grid_w), steady.true_efficiency(p, g, grid_w, grid_t), np.nan
+                    )
+                )
+            )
+            for g in gears
+        )
+        idle_speed, idle_power = steady.idle(p)
+        rows.append(
+            f"| {car_name} | {eta[best]:.3f} | {grid_w[best] / RPM:.0f} | {grid_t[best] / car.engine.max_torque:.2f} | {wheel:.3f} "
+            f"| {idle_power / car.fuel.heating_value * 1e3:.3f} | {idle_power / car.fuel.heating_value / car.fuel.density * 3.6e6:.2f} |"
+        )
+    for name, label in MEASURED.items():
+        for axis, (load, eta) in zip(axes[0], measured(folder, name), strict=True):
+            axis.plot(load, eta, ".--", color="0.5", lw=0.8)
+            axis.annotate(label, (load[-1], eta[-1]), fontsize=7, color="0.4")
+    for axis, share in zip(axes[0], SHARES, strict=True):
+        axis.set(
+            title=f"{share:.0%} of the speed of full power",
+            xlabel="load, share of full load",
+            ylabel="brake efficiency",
+            ylim=(0, 0.42),
+        )
+        axis.legend(fontsize=8, loc="lower right")
+        axis.grid(alpha=0.3)
+    axis = axes[1][2]
+    for car_name, colour in (("smart", "tab:blue"), ("peugeot", "tab:red")):
+        car = read_car(car_name)
+        p = plant_parameters(car)
+        w = 0.45 * car.engine.max_power_speed
+        torque = np.linspace(0.0, 1.0, 40) * steady.engine_full_load(p, w)
+        pressure = torque * 4.0 * np.pi / car.engine.displacement / 1e5
+        per_cycle = steady.engine_fuel_power(p, w, torque) / w * 4.0 * np.pi / car.engine.displacement / 1e5
+        axis.plot(pressure, per_cycle, color=colour, lw=2.5, label=f"{car_name}, {w / RPM:.0f} rpm")
+    axis.set(title="Willans lines", xlabel="brake mean pressure [bar]", ylabel="fuel mean pressure [bar]")
+    axis.legend(fontsize=8)
+    axis.grid(alpha=0.3)
+    figure.tight_layout()
+    figure.savefig(HERE / "engine_map.png", dpi=80)
+    (HERE / "engine_map.md").write_text(
+        "<!-- Generated: python docs/engine_map.py -->\n# The engine maps, computed and measured\n\n"
+        "The plant's maps follow from friction, pumping against the throttle, compression, heat loss, residual gas, knock\n"
+        "retard and enrichment (`vehicle_model/plant/parameters.py`); none is drawn. Above: brake efficiency over load at three\n"
+        "speeds, grey four measured engines of ADVISOR (NREL). Below: the two maps, and their Willans lines, whose intercept is\n"
+        "the fuel of zero torque.\n\n![Brake efficiency over load; maps; Willans lines](engine_map.png)\n\n"
+        "| car | peak brake efficiency | at rpm | at share of largest torque | peak fuel to wheel | idle g/s | idle l/h |\n"
+        "|---|---|---|---|---|---|---|\n" + "\n".join(rows) + "\n"
+    )
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else HERE.parent.parent / "shared" / "data" / "engine_maps")
