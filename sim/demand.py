@@ -15,6 +15,8 @@ from vehicle_model.car.randomness import generator
 EGO = "ego"
 EGO_DEPART = 5.0
 """s: the others have found their places by then."""
+AWAY = 0.15
+"""Weight of a journey that never meets the ego's road."""
 CANDIDATES = 240
 """Journeys among which is drawn."""
 SIGNAL_DELAY = 14.0
@@ -55,7 +57,7 @@ def journeys(scenario: Scenario, network: Network, rng: np.random.Generator) -> 
         names = tuple(graph.names[i] for i in way)
         waits = np.array([SIGNAL_DELAY * ((a, b) in signals) for a, b in zip(names, names[1:], strict=False)] + [0.0])
         shared = sum(graph.length[i] for i in way if i in ego) / graph.length[list(ego)].sum()
-        weight = (0.15 if shared == 0.0 else 1.0) + scenario.traffic.corridor * shared
+        weight = (AWAY if shared == 0.0 else 1.0) + scenario.traffic.corridor * shared
         found.append(Journey(names, np.cumsum(graph.duration[way] * CONGESTION + waits), weight))
         if len(found) == CANDIDATES:
             break
@@ -91,7 +93,8 @@ def _ends(net: NetFile, graph: WayGraph, network: Network, rng: np.random.Genera
     _, outward = _fringe(net, graph)
     if len(outward) < 8 or not network.source_weights:
         usable = np.flatnonzero(graph.length > 60.0)
-        outward = rng.choice(usable, min(80, len(usable)), replace=False)
+        ego = np.array([graph.index[name] for name in network.edges[1:]])
+        outward = np.concatenate([rng.choice(usable, min(40, len(usable)), replace=False), ego])
     return outward
 
 

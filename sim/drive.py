@@ -4,7 +4,7 @@ import math
 import tempfile
 import time
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +37,8 @@ START = 0.3
 """m/s2: a standing car stays where it is for less."""
 CRAWL = 5.0
 """m/s that a driver rolling up to a stop keeps until he must brake."""
+SPEEDOMETER = 1.04
+"""Displayed over true speed: ECE R39 forbids a dial to show less and allows 10 % + 4 km/h more."""
 STOP_SHORT = 1.0
 """m before a signal's line where he stops."""
 
@@ -173,6 +175,8 @@ def _run(
     gearbox = Gearbox(car, style, plant)
     obedience = _Obedience(scenario, seed, settings, perfect)
     cap = speed_cap(route, driver.lateral_comfort)
+    # A driver holds the limit on the dial; advice comes from a device that knows the true speed.
+    own_cap = speed_cap(replace(route, speed_limit=route.speed_limit / SPEEDOMETER), driver.lateral_comfort)
     limit = route.speed_limit
     destination = float(edge_starts(network)[0][-1] + network.arrival)
     tally = _Tally()
@@ -194,8 +198,8 @@ def _run(
             left = destination - place
             stopping = _must_stop(state, light, speed)
             wish = _safe_wish(traffic, style, speed, name, gap, leader_speed, light if stopping else math.inf, left)
-            wanted = free_acceleration(style, speed, float(cap[min(index + int(0.5 * speed), len(cap) - 1)]))
-            wanted = min(wanted, (float(cap[index]) - speed) / 0.5 if speed > cap[index] else math.inf)
+            wanted = free_acceleration(style, speed, float(own_cap[min(index + int(0.5 * speed), len(cap) - 1)]))
+            wanted = min(wanted, (float(own_cap[index]) - speed) / 0.5 if speed > cap[index] else math.inf)
             if style.dawdling and wanted > 0.0:
                 wanted -= style.dawdling * style.acceleration * dawdling.random()
             advised_gear, coast = 0, False
