@@ -6,7 +6,9 @@ A.3.1.3 with two departures: the covariance moves by the second-order transition
 `observer.runge_kutta`, tests compare them), and simultaneous measurements enter one after another as scalars.
 
 The state is the model's 17 plus three slow errors of the satellite receiver (north, east, altitude; first-order
-Gauss-Markov): white noise alone cannot describe fixes five times a second that err together for two minutes.
+Gauss-Markov): white noise alone cannot describe fixes five times a second that err together for two minutes. Two
+constants say how the odometer counts: dx/dt = v (1 + scale + slip F). A tyre under thrust turns faster than
+the car moves, and a step of thrust would otherwise look like a jolt of the car.
 """
 
 import math
@@ -16,8 +18,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-NX = 20
-"""17 states of the model, then the receiver's slow errors north, east and altitude."""
+NX = 22
+"""17 states of the model; the receiver's slow errors north, east and altitude; slip (1/N) and scale of the odometer."""
+SLIP, SCALE = 20, 21
 COLUMNS = 10
 """Columns of an event: time, code, values."""
 # codes of events
@@ -180,10 +183,14 @@ PARAMETERS = P_ROTATION + 9
     S_THRUST_GAIN_HINDSIGHT,
     S_Q_THRUST_HINDSIGHT,
     S_Q_POWER_HINDSIGHT,
-    S_ODOMETER_SCALE,
+    S_SLIP_MEAN,
+    S_SLIP,
+    S_SCALE,
+    S_Q_SLIP,
+    S_Q_SCALE,
     S_MAP_HEADING,
     S_MAP_STRAIGHT,
-) = range(55)
+) = range(59)
 
 # places in Filter.counts
 RECORDS, GRID_LINES, TAPE_LINES, RECORDING, TAPING, TAPE_GRID = range(6)
@@ -191,7 +198,7 @@ RECORDS, GRID_LINES, TAPE_LINES, RECORDING, TAPING, TAPE_GRID = range(6)
 # the smoother's tape: one line per operation
 OP_PREDICT, OP_ROW, OP_RESET, OP_GRID = range(4)
 TAPE_ROW = NX + 10
-WORK = 64 + 42 + 4 + 11 * NX + NX * NX + 2 * NX
+WORK = 124 + 11 * NX + NX * NX
 """Scratch: one row's Jacobian and gain, then the transition, the midpoint, moved rows, noise, a Cholesky factor."""
 MOVING = (0, 1, 3, 4, 5, 6, 7)
 SIGN_BAND = 0.1
@@ -249,9 +256,9 @@ def acceleration(x, p, g):
 
 @njit
 def transition(x, dt, p, n, xm):
-    """Fill n (7, 6) with the transition less the identity at the midpoint, xm with the state there.
+    """Fill n (7, 8) with the transition less the identity at the midpoint, xm with the state there.
 
-    Rows: x, v, psi, theta, N, E, D; columns: v, F, theta, S_k, psi, S_j. Second order in dt.
+    Rows: x, v, psi, theta, N, E, D; columns: v, F, theta, S_k, psi, S_j, slip, scale. Second order in dt.
     """
     g = xm[NX:]
     half = 0.5 * dt
@@ -268,10 +275,13 @@ def transition(x, dt, p, n, xm):
     h2 = 0.5 * dt * dt
     n[:, :] = 0.0
     # distance: A = e_v
-    n[0, 0] = dt + h2 * g[0]
-    n[0, 1] = h2 * g[1]
-    n[0, 2] = h2 * g[2]
-    n[0, 3] = h2 * g[3]
+    turned = 1.0 + x[21] + x[20] * x[2]
+    n[0, 0] = (dt + h2 * g[0]) * turned
+    n[0, 1] = h2 * g[1] * turned + dt * v * x[20]
+    n[0, 2] = h2 * g[2] * turned
+    n[0, 3] = h2 * g[3] * turned
+    n[0, 6] = dt * v * x[2]
+    n[0, 7] = dt * v
     # speed
     n[1, 0] = dt * g[0] + h2 * (g[0] * g[0] + g[2] * sk)
     n[1, 1] = dt * g[1] + h2 * g[0] * g[1]
@@ -302,7 +312,7 @@ def transition(x, dt, p, n, xm):
         n[4 + r, 4] = dt * bp
         n[4 + r, 5] = h2 * bp * v
     # the state at the interval's end, in xm
-    xm[0] = x[0] + dt * v
+    xm[0] = x[0] + dt * v * turned
     vm = v
     xm[1] = x[1] + dt * a
     xm[3] = x[3] + dt * sj * vm
@@ -330,7 +340,9 @@ def predict(x, P, dt, p, s, q, n, xm, w):
         else:
             for j in range(NX):
                 w[r, j] = P[i, j] + n0 * P[1, j] + n1 * P[2, j] + n2 * P[4, j] + n3 * P[9, j]
+    n6, n7 = n[0, 6], n[0, 7]
     for j in range(NX):
+        w[0, j] += n6 * P[20, j] + n7 * P[21, j]
         w[7, j] = P[10, j] + dt * P[11, j]
         w[8, j] = P[12, j] + dt * P[13, j]
     # rows that do not move, against those that do
@@ -351,9 +363,10 @@ def predict(x, P, dt, p, s, q, n, xm, w):
                 + n[k, 4] * w[r, 3]
                 + n[k, 5] * w[r, 8]
             )
+        P[i, 0] += n6 * w[r, 20] + n7 * w[r, 21]
         P[i, 10] = w[r, 10] + dt * w[r, 11]
         P[i, 12] = w[r, 12] + dt * w[r, 13]
-    for i in (2, 8, 9, 11, 13, 14, 15, 16, 17, 18, 19):
+    for i in (2, 8, 9, 11, 13, 14, 15, 16, 17, 18, 19, 20, 21):
         for r in range(9):
             k = r if r < 2 else (r + 1 if r < 7 else (10 if r == 7 else 12))
             P[i, k] = P[k, i]
@@ -619,6 +632,10 @@ def initial_variance(i, s):
         return s[S_DRIFT] * s[S_DRIFT]
     if i == 19:
         return s[S_DRIFT_Z] * s[S_DRIFT_Z]
+    if i == 20:
+        return s[S_SLIP] * s[S_SLIP]
+    if i == 21:
+        return s[S_SCALE] * s[S_SCALE]
     return 1e-6
 
 
@@ -654,9 +671,9 @@ def move(t, f):
     dt = t - mem[M_TIME]
     if not dt > 0.0:
         return
-    n, xm = f.work[64:106].reshape(7, 6), f.work[106 : 106 + NX + 4]
-    w = f.work[110 + NX : 110 + 10 * NX].reshape(9, NX)
-    q = f.work[110 + 10 * NX : 110 + 11 * NX]
+    n, xm = f.work[64:120].reshape(7, 8), f.work[120 : 124 + NX]
+    w = f.work[124 + NX : 124 + 10 * NX].reshape(9, NX)
+    q = f.work[124 + 10 * NX : 124 + 11 * NX]
     speed = abs(x[1])
     cut = mem[M_CUT] > 0.0
     silent = mem[M_SILENT] > 0.0
@@ -689,6 +706,8 @@ def move(t, f):
     q[16] = q[14]
     q[17] = 2.0 * s[S_DRIFT] * s[S_DRIFT] / s[S_DRIFT_TIME] * dt
     q[18] = q[17]
+    q[20] = s[S_Q_SLIP] * dt
+    q[21] = s[S_Q_SCALE] * dt
     q[19] = 2.0 * s[S_DRIFT_Z] * s[S_DRIFT_Z] / s[S_DRIFT_Z_TIME] * dt
     if out[TAPING] > 0:
         m = out[TAPE_LINES]
@@ -1054,7 +1073,7 @@ def on_grid(t, f):
         mem[M_ENERGY_ANCHORED] = 0.0
         reset(POWER, 0.0, 1e4, f)
         mem[M_PULSE_POWER] = 0.0
-    if not sound(P, f.work[110 + 11 * NX : 110 + 11 * NX + NX * NX].reshape(NX, NX)):
+    if not sound(P, f.work[124 + 11 * NX : 124 + 11 * NX + NX * NX].reshape(NX, NX)):
         mem[M_REPAIRS] += 1.0
         for i in range(NX):
             if not math.isfinite(x[i]):
@@ -1067,7 +1086,6 @@ def on_grid(t, f):
         for i in range(NX):
             grid_x[m, i] = x[i]
             grid_P[m, i] = P[i, i]
-        grid_P[m, 1] += (s[S_ODOMETER_SCALE] * x[1]) ** 2
     if out[TAPING] > 0:
         k = out[TAPE_LINES]
         tape_index[k, 0] = OP_GRID
@@ -1126,7 +1144,7 @@ def retreat(f, lam, L, smooth_x, smooth_P):
     smooth_x, smooth_P (k, NX) receive the smoothed states and variances at the grid's places.
     """
     tape, tape_index, tape_P, p, s = f.tape, f.tape_index, f.tape_P, f.car, f.settings
-    n = np.empty((7, 6))
+    n = np.empty((7, 8))
     xm = np.empty(NX + 4)
     b = np.empty(NX)
     w = np.empty((NX, NX))
@@ -1210,7 +1228,6 @@ def retreat(f, lam, L, smooth_x, smooth_P):
                     for j in range(NX):
                         total += w[i, j] * P[j, i]
                     smooth_P[g, i] = P[i, i] - total
-                smooth_P[g, 1] += (s[S_ODOMETER_SCALE] * smooth_x[g, 1]) ** 2
 
 
 @njit
@@ -1225,6 +1242,8 @@ def transpose_apply(lam, n, dt, decay, decay_z):
         a3 += c * n[r, 3]
         a4 += c * n[r, 4]
         a5 += c * n[r, 5]
+    lam[20] += n[0, 6] * lam[0]
+    lam[21] += n[0, 7] * lam[0]
     lam[1] += a0
     lam[2] += a1
     lam[4] += a2
@@ -1250,6 +1269,8 @@ def rows_apply(L, n, dt, decay, decay_z):
                 for j in range(NX):
                     a[c, j] += h * L[i, j]
     for j in range(NX):
+        L[20, j] += n[0, 6] * L[0, j]
+        L[21, j] += n[0, 7] * L[0, j]
         L[1, j] += a[0, j]
         L[2, j] += a[1, j]
         L[4, j] += a[2, j]

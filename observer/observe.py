@@ -96,6 +96,7 @@ def start(car: Car, settings: ObserverSettings, learnt: Mapping[str, float] | No
     x = np.zeros(kernel.NX)
     P = np.diag([kernel.initial_variance(i, vector) for i in range(kernel.NX)])
     x[OMEGA] = car.engine.idle_speed
+    x[kernel.SLIP] = settings.slip
     for name in BIASES:
         if learnt and name in learnt:
             place = STATES.index(name)

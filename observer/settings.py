@@ -123,8 +123,17 @@ class ObserverSettings:
     """N2/s."""
     power_noise_hindsight: float = 1e6
     """W2/s."""
-    odometer_scale: float = 0.006
-    """Relative: wheel radius and slip, which the filter takes for speed; the stated variance of the speed holds them."""
+    # odometer: dx/dt = v (1 + scale + slip F)
+    slip: float = 7e-6
+    """1/N, of the driven tyres: slip stiffness of some 30 times the load."""
+    slip_deviation: float = 3e-6
+    """1/N."""
+    scale_deviation: float = 0.0015
+    """Relative, of the wheel's radius."""
+    slip_noise: float = 1e-17
+    """(1/N)2/s."""
+    scale_noise: float = 1e-11
+    """1/s."""
     map_heading_scale: float = 0.5
     """Share of the deviation that the matcher states of a heading,"""
     map_straightness_scale: float = 0.2
