@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from controller.advice import Advice, RoadAhead
 from controller.drive_table import DriveTable, drive_table
-from controller.route_kernel import BIG, IMPOSSIBLE, follow, sweep, tabulate_policy
+from controller.route_kernel import BIG, IMPOSSIBLE, act, sweep
 from observer.efficiency_map import FuelMap
 from vehicle_model.car.errors import BadInput
 from vehicle_model.car.parameters import Car
@@ -165,6 +165,18 @@ def plan_route_in_time(
 
 
 @dataclass(frozen=True)
+class _Path:
+    """A plan on the stages: E (K+1,), gear (K,; 0 off the throttle), seconds and fuel (K,), lambda_v (K+1,), cost."""
+
+    energy: NDArray[np.float64]
+    gear: NDArray[np.int64]
+    seconds: NDArray[np.float64]
+    fuel: NDArray[np.float64]
+    costate: NDArray[np.float64]
+    cost: float
+
+
+@dataclass(frozen=True)
 class _Problem:
     """A road, a table and boundary conditions, ready to be swept for any time value."""
 
@@ -238,42 +250,52 @@ class _Problem:
         sweep(*self.arguments(time_value, value))
         return value
 
-    def follow(self, time_value: float, value: NDArray[np.float64], start_gear: int | None) -> tuple:
-        gear = -1 if start_gear is None else start_gear
-        answer = follow(0.5 * self.start_speed**2, gear, *self.arguments(time_value, value))
-        if answer[4] >= IMPOSSIBLE:
-            self.refuse(answer[0])
-        return answer
+    def follow(self, time_value: float, value: NDArray[np.float64], start_gear: int | None) -> "_Path":
+        """The plan: from the start speed, always the best action."""
+        stages = self.stages
+        n = len(stages.ds)
+        energies, coming = np.full(n, 0.5 * self.start_speed**2), np.full(n, -1 if start_gear is None else start_gear)
+        cost, ends, gears, burnt, worth = act(np.arange(n), energies, coming, True, *self.arguments(time_value, value))
+        energy = np.concatenate([energies[:1], ends])
+        speed = np.sqrt(2.0 * energy)
+        seconds = stages.ds / np.maximum(0.5 * (speed[1:] + speed[:-1]), 1e-3)
+        shifted = np.concatenate([[False], (gears[1:] != gears[:-1]) & (gears[1:] > 0) & (gears[:-1] > 0)])
+        return _Path(
+            energy,
+            gears,
+            seconds + self.comfort.shift_time * shifted,
+            burnt + self.comfort.shift_energy * shifted,
+            np.append(worth * speed[:-1], 0.0),
+            float(cost[0]),
+        )
 
-    def refuse(self, path: NDArray[np.float64]) -> None:
-        """Say why there is no drive: the end speed, or a hill."""
+    def plan(self, time_value: float, start_gear: int | None) -> tuple["_Path", NDArray[np.float64]]:
+        """Sweep and follow. Raises BadInput, saying why, when there is no drive: the end speed, or a hill."""
+        value = self.value_function(time_value)
+        path = self.follow(time_value, value, start_gear)
+        if path.cost < IMPOSSIBLE:
+            return path, value
         if self.end_speed is not None:
-            reached = float(np.sqrt(2.0 * path[-1]))
             free = replace(self, end_speed=None)
-            value = free.value_function(1.0e4)
-            again = follow(0.5 * self.start_speed**2, -1, *free.arguments(1.0e4, value))
-            if again[4] < IMPOSSIBLE:
-                reached = float(np.sqrt(2.0 * again[0][-1]))
+            again = free.follow(1.0e4, free.value_function(1.0e4), start_gear)
+            if again.cost < IMPOSSIBLE:
+                reached = float(np.sqrt(2.0 * again.energy[-1]))
                 raise BadInput("end speed", f"{self.end_speed:.2f} m/s", f"nearest feasible is {reached:.2f} m/s")
         steepest = int(np.argmax(self.stages.grade_force))
         raise BadInput("road ahead", f"s = {self.stages.s[steepest]:.0f} m", "a slope that the car can climb")
 
     def trip_time(self, time_value: float, start_gear: int | None) -> float:
         """Predicted duration of the plan at `time_value`, s."""
-        _, gears, seconds, _, _ = self.follow(time_value, self.value_function(time_value), start_gear)
-        return float(seconds.sum()) + self.comfort.shift_time * _changes(gears)
+        return float(self.plan(time_value, start_gear)[0].seconds.sum())
 
     def solve(self, time_value: float, start_gear: int | None, policy_step: float) -> Advice:
         """Sweep, follow, and tabulate the policy."""
         if not (np.isfinite(time_value) and time_value >= 0.0):
             raise BadInput("time value", f"{time_value} J/s", "finite and not negative")
         stages, table, car = self.stages, self.table, self.car
-        value = self.value_function(time_value)
-        path, chosen, seconds, burnt, _ = self.follow(time_value, value, start_gear)
+        found, value = self.plan(time_value, start_gear)
+        path, chosen = found.energy, found.gear
         speed = np.sqrt(2.0 * path)
-        shifted = np.concatenate([[False], _shifts(chosen)])
-        seconds = seconds + self.comfort.shift_time * shifted
-        burnt = burnt + self.comfort.shift_energy * shifted
 
         acceleration = np.diff(path) / stages.ds
         row = np.clip(np.rint((path[1:] + path[:-1]) / table.energy_step).astype(int), 0, len(table.coast_gear) - 1)
@@ -286,27 +308,32 @@ class _Problem:
         thrust = np.where(off, rolling, wheels)
         ratio = np.where(gear > 0, table.ratio[np.maximum(gear, 1) - 1], np.inf)
 
-        worth = self.costate(value, path, chosen)
-        fastest = float(speed.max() if len(speed) else 0.0)
-        fastest = max(fastest, float(np.sqrt(2.0 * stages.top.max())))
+        fastest = max(float(speed.max()), float(np.sqrt(2.0 * stages.top.max())))
         grid = np.linspace(0.0, fastest, max(int(np.ceil(fastest / 0.9)), 2) + 1)
-        every = max(round(policy_step / stages.ds[0]), 1)
-        places = np.arange(0, len(stages.ds), every)
-        coming = chosen[places]
-        policy = tabulate_policy(places, coming, grid, *self.arguments(time_value, value))
-        policy_gear = np.where(policy[1] > 0, policy[1], self.rolling_gear(grid)[None, :])
+        places = np.arange(0, len(stages.ds), max(round(policy_step / stages.ds[0]), 1))
+        shape = (len(places), len(grid))
+        energies = np.broadcast_to(0.5 * grid**2, shape)
+        _, ends, gears, _, slope = act(
+            np.repeat(places, len(grid)),
+            energies.ravel(),
+            np.repeat(chosen[places], len(grid)),
+            False,
+            *self.arguments(time_value, value),
+        )
+        policy_acceleration = (ends.reshape(shape) - energies) / stages.ds[places][:, None]
+        policy_gear = np.where(gears > 0, gears, np.tile(self.rolling_gear(grid), len(places))).reshape(shape)
         return Advice(
             s=stages.s,
             speed=speed,
             torque=np.append(thrust / ratio, (thrust / ratio)[-1]),
             gear=np.append(gear, gear[-1]),
-            costate=worth,
-            time=np.concatenate([[0.0], np.cumsum(seconds)]),
-            fuel=np.concatenate([[0.0], np.cumsum(burnt)]),
+            costate=found.costate,
+            time=np.concatenate([[0.0], np.cumsum(found.seconds)]),
+            fuel=np.concatenate([[0.0], np.cumsum(found.fuel)]),
             policy_speed=grid,
-            policy_acceleration=np.maximum(policy[0], -HARD_BRAKING),
+            policy_acceleration=np.maximum(policy_acceleration, -HARD_BRAKING),
             policy_gear=policy_gear,
-            policy_costate=policy[2],
+            policy_costate=slope.reshape(shape) * grid,
             time_value=time_value,
             policy_s=stages.s[places],
             coasting=np.append(off, off[-1]),
@@ -317,32 +344,3 @@ class _Problem:
         """Gear in which the car rolls off the throttle at `speed`, 0 with the clutch open."""
         row = np.clip(np.rint(speed**2 / self.table.energy_step).astype(int), 0, len(self.table.coast_gear) - 1)
         return self.table.coast_gear[row]
-
-    def costate(
-        self, value: NDArray[np.float64], path: NDArray[np.float64], chosen: NDArray[np.int64]
-    ) -> NDArray[np.float64]:
-        """lambda_v = -v dV/dE along the plan, by central differences of the value function, J per m/s."""
-        e, worth = self.table.energy_step, np.zeros(len(path))
-        for k, energy in enumerate(path):
-            g = chosen[min(k, len(chosen) - 1)]
-            n = self.count[k]
-            nodes = np.append(np.arange(n - 1) * e, self.stages.top[k])
-            row = value[k, g, :n]
-            good = row < IMPOSSIBLE
-            if good.sum() < 2:
-                continue
-            high, low = min(energy + e, nodes[good][-1]), max(min(energy, nodes[good][-1]) - e, nodes[good][0])
-            if high > low:
-                lower, upper = np.interp([low, high], nodes[good], row[good])
-                worth[k] = max((lower - upper) / (high - low), 0.0) * np.sqrt(2.0 * energy)
-        return worth
-
-
-def _shifts(chosen: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Where a drive gear follows another drive gear (K-1,)."""
-    return (chosen[1:] != chosen[:-1]) & (chosen[1:] > 0) & (chosen[:-1] > 0)
-
-
-def _changes(chosen: NDArray[np.int64]) -> int:
-    """Number of gear changes under load."""
-    return int(np.count_nonzero(_shifts(chosen)))

@@ -18,13 +18,13 @@ PANIC = 10.0
 """Price of braking harder than planned braking allows, J per J of excess kinetic energy."""
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def node_energy(i, count, top, step):
     """E of node i at a place with `count` nodes and limit `top`, m2/s2."""
     return top if i == count - 1 else i * step
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def value_at(value, energy, count, top, step):
     """Interpolate one gear's value (n,) at `energy`."""
     if energy >= top:
@@ -36,7 +36,7 @@ def value_at(value, energy, count, top, step):
     return value[i] + share * (value[i + 1] - value[i])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def interval_time(energy, target, ds, slow_speed, slow_price):
     """Return seconds over `ds` and the price, J, of being slower than courtesy asks. Constant acceleration."""
     mean = 0.5 * (np.sqrt(2.0 * energy) + np.sqrt(2.0 * target))
@@ -47,7 +47,7 @@ def interval_time(energy, target, ds, slow_speed, slow_price):
     return dt, dawdled
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def sweep(
     ds, grade_force, top, count, slow_speed, step, drag, mass, fuel, low, high, coast_force, coast_fuel, coast_mass,
     time_value, shift_price, restart_price, slow_price, up, down, value,
@@ -57,59 +57,70 @@ def sweep(
     `grade_force` M g (sin theta + C_rr cos theta), N; `drag` rho C_d A, so that R = grade_force + drag E;
     `up`, `down` the limits of comfort, m/s2, both positive.
     """
-    gears, _, levels = fuel.shape
+    gears, rows, levels = fuel.shape
     n = value.shape[2]
     best = np.empty(gears + 1)
     speed = np.sqrt(2.0 * step * np.arange(n))
+    per_force = np.zeros((gears, rows))
+    for g in range(gears):
+        for r in range(rows):
+            if high[g, r] > 0.0:
+                per_force[g, r] = (levels - 1) / (high[g, r] - low[g, r])
+    cost, accelerations, road = np.empty(n), np.empty(n), np.empty(n)
+    row_of = np.empty(n, np.int64)
     for k in range(len(ds) - 1, -1, -1):
         d = ds[k]
-        top_next = top[k + 1]
-        count_next = count[k + 1]
-        ahead = value[k + 1]
+        top_next, count_next, ahead = top[k + 1], count[k + 1], value[k + 1]
+        speed_next_top = np.sqrt(2.0 * top_next)
         for i in range(count[k]):
             energy = node_energy(i, count[k], top[k], step)
             v = speed[i] if i < count[k] - 1 else np.sqrt(2.0 * energy)
             best[:] = BIG
-            start = min(int(2.0 * energy / step + 0.5), len(coast_force) - 1)
-            first = max(int(np.ceil((energy - down * d) / step)), 0)
-            last = min(int((energy + up * d) / step), count_next - 1)
-            if energy + up * d >= top_next:
-                last = count_next - 1
-            first = min(first, count_next - 1)
-            for j in range(first, last + 1):
+            start = min(int(2.0 * energy / step + 0.5), rows - 1)
+            first = min(max(int(np.ceil((energy - down * d) / step)), 0), count_next - 1)
+            last = count_next - 1
+            if energy + up * d < top_next:
+                last = min(int((energy + up * d) / step), last)
+            drive = last + 1  # targets from here on need the engine
+            for j in range(last, first - 1, -1):
                 target = node_energy(j, count_next, top_next, step)
-                v_next = speed[j] if j < count_next - 1 else np.sqrt(2.0 * target)
+                v_next = speed[j] if j < count_next - 1 else speed_next_top
                 if v + v_next <= 0.0:
                     continue
-                mean = 0.5 * (v + v_next)
-                dt = d / mean
-                cost = time_value * dt
-                if mean < slow_speed[k]:
-                    cost += slow_price * (dt - d / slow_speed[k])
+                dt = 2.0 * d / (v + v_next)
+                price = time_value * dt
+                if d > slow_speed[k] * dt:
+                    pass
+                elif slow_speed[k] > 0.0:
+                    price += slow_price * (dt - d / slow_speed[k])
                 a = (target - energy) / d
-                row = int((energy + target) / step + 0.5)
-                force_road = grade_force[k] + drag * 0.5 * (energy + target)
-                if coast_mass[row] * a + force_road <= coast_force[row] + 1e-6:
-                    total = cost + d * coast_fuel[row] + ahead[0, j]
+                r = int((energy + target) / step + 0.5)
+                load = grade_force[k] + drag * 0.5 * (energy + target)
+                if coast_mass[r] * a + load <= coast_force[r] + 1e-6:
+                    total = price + d * coast_fuel[r] + ahead[0, j]
                     if a < -down:
                         total += PANIC * mass[0] * (-down - a) * d
                     if total < best[0]:
                         best[0] = total
+                elif a >= -down:
+                    cost[j], accelerations[j], road[j], row_of[j] = price, a, load, r
+                    drive = j
+            for g in range(gears):
+                if high[g, start] < 0.0:
                     continue
-                if a < -down:
-                    continue
-                for g in range(gears):
-                    if high[g, start] < 0.0:
+                cheapest = BIG
+                for j in range(drive, last + 1):
+                    r = row_of[j]
+                    force = mass[g] * accelerations[j] + road[j]
+                    x = (force - low[g, r]) * per_force[g, r]
+                    if x < 0.0 or x > levels - 1 or high[g, r] < 0.0:
                         continue
-                    force = mass[g] * a + force_road
-                    if force > high[g, row] or force < low[g, row]:
-                        continue
-                    x = (force - low[g, row]) / (high[g, row] - low[g, row]) * (levels - 1)
                     q = min(int(x), levels - 2)
-                    f = fuel[g, row, q]
-                    total = cost + d * (f + (x - q) * (fuel[g, row, q + 1] - f)) + ahead[g + 1, j]
-                    if total < best[g + 1]:
-                        best[g + 1] = total
+                    f = fuel[g, r, q]
+                    total = cost[j] + d * (f + (x - q) * (fuel[g, r, q + 1] - f)) + ahead[g + 1, j]
+                    if total < cheapest:
+                        cheapest = total
+                best[g + 1] = cheapest
             row = start
             rolled = energy + d * (coast_force[row] - grade_force[k] - drag * energy) / coast_mass[row]
             if 0.0 < rolled <= top_next and rolled >= energy - down * d and rolled <= energy + up * d:
@@ -121,7 +132,7 @@ def sweep(
             settle(best, shift_price, restart_price, value[k, :, i])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def settle(best, shift_price, restart_price, value):
     """V of each incoming gear from W of each chosen one; gear 0 (off the throttle) is entered free of charge."""
     cheapest = np.min(best[1:])
@@ -132,7 +143,7 @@ def settle(best, shift_price, restart_price, value):
             value[g] = min(min(best[g], cheapest + shift_price), best[0])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def table_fuel(fuel, low, high, g, place, force):
     """Fuel per metre between rows (`place` = 2 E / step), J/m; BIG outside the engine's range."""
     levels = fuel.shape[2]
@@ -158,7 +169,7 @@ def table_fuel(fuel, low, high, g, place, force):
     return burnt
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def best_action(
     energy, gear, k, ds, grade_force, top, count, slow_speed, step, drag, mass, fuel, low, high, coast_force,
     coast_fuel, coast_mass, time_value, shift_price, restart_price, slow_price, up, down, value,
@@ -224,55 +235,7 @@ def best_action(
     return answer_cost, answer_energy, answer_gear, answer_fuel
 
 
-@njit(cache=True)
-def follow(
-    energy, gear, ds, grade_force, top, count, slow_speed, step, drag, mass, fuel, low, high, coast_force, coast_fuel,
-    coast_mass, time_value, shift_price, restart_price, slow_price, up, down, value,
-):  # fmt: skip
-    """The plan from `energy` on: E (K+1,), gear (K,; 0 off the throttle), seconds (K,), fuel (K,), cost to go."""
-    stages = len(ds)
-    path, gears = np.empty(stages + 1), np.empty(stages, np.int64)
-    seconds, burnt = np.empty(stages), np.empty(stages)
-    path[0] = energy
-    start = BIG
-    for k in range(stages):
-        cost, target, chosen, used = best_action(
-            path[k], gear, k, ds, grade_force, top, count, slow_speed, step, drag, mass, fuel, low, high, coast_force,
-            coast_fuel, coast_mass, time_value, shift_price, restart_price, slow_price, up, down, value,
-        )  # fmt: skip
-        if k == 0:
-            start = cost
-        path[k + 1], gears[k], burnt[k] = target, chosen, used
-        seconds[k] = ds[k] / max(0.5 * (np.sqrt(2.0 * path[k]) + np.sqrt(2.0 * target)), 1e-3)
-        gear = chosen
-    return path, gears, seconds, burnt, start
-
-
-@njit(cache=True)
-def tabulate_policy(
-    places, coming, speeds, ds, grade_force, top, count, slow_speed, step, drag, mass, fuel, low, high, coast_force,
-    coast_fuel, coast_mass, time_value, shift_price, restart_price, slow_price, up, down, value,
-):  # fmt: skip
-    """Acceleration, gear and costate (p, m) at stages `places` (p,), coming in `coming` (p,), at `speeds` (m,)."""
-    acceleration = np.empty((len(places), len(speeds)))
-    gears = np.empty((len(places), len(speeds)), np.int64)
-    costate = np.empty((len(places), len(speeds)))
-    for p in range(len(places)):
-        k = places[p]
-        for m in range(len(speeds)):
-            energy = 0.5 * speeds[m] ** 2
-            _, target, chosen, _ = best_action(
-                energy, coming[p], k, ds, grade_force, top, count, slow_speed, step, drag, mass, fuel, low, high,
-                coast_force, coast_fuel, coast_mass, time_value, shift_price, restart_price, slow_price, up, down,
-                value,
-            )  # fmt: skip
-            acceleration[p, m] = (target - energy) / ds[k]
-            gears[p, m] = chosen
-            costate[p, m] = speeds[m] * slope(value[k, chosen], energy, count[k], top[k], step)
-    return acceleration, gears, costate
-
-
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def slope(value, energy, count, top, step):
     """-dV/dE, J per m2/s2, by a central difference of one node's width, never negative, finite nodes only."""
     high = min(energy + step, top)
@@ -281,3 +244,30 @@ def slope(value, energy, count, top, step):
     if upper >= IMPOSSIBLE or lower >= IMPOSSIBLE or high <= low:
         return 0.0
     return max((lower - upper) / (high - low), 0.0)
+
+
+@njit(cache=True, error_model="numpy")
+def act(
+    places, energies, coming, chained, ds, grade_force, top, count, slow_speed, step, drag, mass, fuel, low, high,
+    coast_force, coast_fuel, coast_mass, time_value, shift_price, restart_price, slow_price, up, down, value,
+):  # fmt: skip
+    """Best actions at stages `places` (q,), `energies` (q,), coming in gears `coming` (q,; -1 free to choose).
+
+    Returns cost to go, E' at the stage's end, gear (0 off the throttle), J of fuel, and -dV/dE, each (q,).
+    `chained`: each state is where the one before ended; then only the first of `energies` and `coming` counts.
+    """
+    n = len(places)
+    cost, ends, gears = np.empty(n), np.empty(n), np.empty(n, np.int64)
+    burnt, worth = np.empty(n), np.empty(n)
+    energy, gear = energies[0], coming[0]
+    for q in range(n):
+        k = places[q]
+        if not chained:
+            energy, gear = energies[q], coming[q]
+        cost[q], ends[q], gears[q], burnt[q] = best_action(
+            energy, gear, k, ds, grade_force, top, count, slow_speed, step, drag, mass, fuel, low, high, coast_force,
+            coast_fuel, coast_mass, time_value, shift_price, restart_price, slow_price, up, down, value,
+        )  # fmt: skip
+        worth[q] = slope(value[k, gears[q]], energy, count[k], top[k], step)
+        energy, gear = ends[q], gears[q]
+    return cost, ends, gears, burnt, worth
