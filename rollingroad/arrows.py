@@ -28,6 +28,10 @@ from vehicle_model.car.trip import Trip
 
 ADVICE_BEGINS = 50.0
 """m: silent before, so that both drives can be shown to be one and the same until advice is given."""
+PLAN_STEP = 10.0
+"""m between the places of the plan and of the policy around it."""
+HASTE = 10.0
+"""Ratio of the first two prices of time that are driven at."""
 FIRST_PRICE = 8_000.0
 """W: a price of time to begin with where the plan gives none."""
 
@@ -99,7 +103,10 @@ def trip_efficiency(trip: Trip) -> float:
 
 
 def first_prices(road: RoadAhead, table: FuelMap, car: Car, baseline: Drive) -> tuple[float, float]:
-    """Two prices of time, W, around the one at which the plan takes as long as the baseline was on the move."""
+    """Two prices of time, W: the one at which the plan takes as long as the baseline was on the move, and a high one.
+
+    Traffic makes every drive slower than its plan, so the price that holds the baseline's time lies above the first.
+    """
     c = baseline.trip.channels
     moving = float(np.count_nonzero(c["speed"] > 0.3) * baseline.trip.step)
     start, end = float(c["speed"][0]), float(c["speed"][-1])
@@ -108,7 +115,7 @@ def first_prices(road: RoadAhead, table: FuelMap, car: Car, baseline: Drive) -> 
         price = plan.time_value
     except BadInput:  # the baseline was faster or slower than the plan can be
         price = FIRST_PRICE
-    return price / 1.6, price * 1.6
+    return price, HASTE * price
 
 
 def follow(
@@ -137,6 +144,8 @@ def follow(
                 start_speed=float(c["speed"][0]),
                 end_speed=float(c["speed"][-1]),
                 time_value=price,
+                step=PLAN_STEP,
+                policy_step=PLAN_STEP,
             )
             for price in prices
         ]
