@@ -57,7 +57,7 @@ class EfficiencyMap:
     torque: NDArray[np.float64]
     """(m,), cell centres, N m."""
     mean: NDArray[np.float64]
-    """Efficiency, NaN where never visited."""
+    """Efficiency at the cell's centre, NaN where never visited."""
     deviation: NDArray[np.float64]
     """Spread of the samples, not of their mean."""
     count: NDArray[np.int64]
@@ -74,10 +74,8 @@ class EfficiencyMap:
     standard_error: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 0)))
     """One standard deviation of `mean` as an estimate of the truth (observer's covariance, scatter between visits and
     what all samples of a trip share); empty if unknown."""
-    engine_speed_mean: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 0)))
-    """Where in the cell the samples lay on average, rad/s; NaN where never visited."""
-    torque_mean: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 0)))
-    """The same, N m."""
+    common_error: float = 0.0
+    """Relative, of the torque: the part of `standard_error` that all cells share, however often they are visited."""
     limits: Limits = field(default_factory=Limits)
     trips: int = 1
 

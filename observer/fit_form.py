@@ -29,6 +29,12 @@ class Fit(ABC):
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.nan_to_num(omega * torque / self.fuel_power(omega, torque), nan=0.0, posinf=0.0, neginf=0.0)
 
+    def steepness(self, engine_speed: ArrayLike, torque: ArrayLike) -> NDArray[np.float64]:
+        """d(log P_in) / d(log T): what a relative error of the torque does to eta (0 at idle, 1 without losses)."""
+        omega, torque = np.broadcast_arrays(np.asarray(engine_speed, float), np.asarray(torque, float))
+        slope = (self.fuel_power(omega, torque + 1.0) - self.fuel_power(omega, torque - 1.0)) / 2.0
+        return torque * slope / self.fuel_power(omega, torque)
+
 
 @dataclass(frozen=True)
 class Cells:
@@ -38,6 +44,8 @@ class Cells:
     torque: NDArray[np.float64]
     efficiency: NDArray[np.float64]
     standard_error: NDArray[np.float64]
+    common_error: float = 0.0
+    """Relative, of the torque: the part of `standard_error` that the cells share."""
 
     @property
     def fuel_power(self) -> NDArray[np.float64]:
@@ -46,14 +54,12 @@ class Cells:
 
 
 def valid_cells(efficiency_map: EfficiencyMap) -> Cells:
-    """The valid cells at the samples' mean place in each; standard error 0.005 where the map does not say."""
+    """The valid cells at their centres; standard error 0.005 where the map does not say."""
     valid = efficiency_map.valid & (np.nan_to_num(efficiency_map.mean, nan=0.0) > 0.01)
     omega, torque = np.meshgrid(efficiency_map.engine_speed, efficiency_map.torque, indexing="ij")
-    if efficiency_map.torque_mean.shape == omega.shape:
-        omega, torque = efficiency_map.engine_speed_mean, efficiency_map.torque_mean
     known = efficiency_map.standard_error.shape == valid.shape
     error = efficiency_map.standard_error[valid] if known else np.full(int(valid.sum()), 0.005)
-    return Cells(omega[valid], torque[valid], efficiency_map.mean[valid], error)
+    return Cells(omega[valid], torque[valid], efficiency_map.mean[valid], error, efficiency_map.common_error)
 
 
 def r_squared(data: NDArray, fitted: NDArray) -> float:

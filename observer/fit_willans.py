@@ -61,6 +61,8 @@ class KernelFit(Fit):
     factor: NDArray[np.float64]
     """Lower Cholesky factor of the data's covariance, (k, k)."""
     weights: NDArray[np.float64]
+    common_error: float
+    """Relative, of the torque: shared by all data."""
     r2: float
     r2_efficiency: float
 
@@ -76,8 +78,9 @@ class KernelFit(Fit):
         where = np.stack([omega.ravel(), torque.ravel()], axis=1) / self.lengths
         cross = _kernel(where, self.points, self.amplitude)
         inner = solve_triangular(self.factor, cross.T, lower=True)
-        variance = _prior_variance(where, self.amplitude) - np.sum(inner**2, axis=0)
-        return self.efficiency(omega, torque) * np.sqrt(np.maximum(variance, 0.0)).reshape(omega.shape)
+        variance = np.maximum(self.amplitude**2 - np.sum(inner**2, axis=0), 0.0).reshape(omega.shape)
+        shared = self.common_error * self.base.steepness(omega, torque)
+        return self.efficiency(omega, torque) * np.sqrt(variance + shared**2)
 
 
 def fit_willans(cells: Cells, car: Car, limits: Limits) -> WillansFit:
@@ -111,7 +114,8 @@ def fit_kernel(base: WillansFit, cells: Cells) -> KernelFit:
     """A Gaussian process on log(P_in / base); length scales and amplitude by maximum marginal likelihood (a grid)."""
     places = np.stack([cells.engine_speed, cells.torque], axis=1)
     residual = np.log(cells.fuel_power / base.fuel_power(cells.engine_speed, cells.torque))
-    noise = (np.maximum(cells.standard_error, 1e-3) / cells.efficiency) ** 2
+    shared = cells.common_error * base.steepness(cells.engine_speed, cells.torque)
+    noise = np.maximum((cells.standard_error / cells.efficiency) ** 2 - shared**2, 3e-3**2)
     best: tuple[float, NDArray, float, NDArray, NDArray] | None = None
     for rpm, share, amplitude in product((400.0, 900.0), (0.12, 0.3), (0.01, 0.03)):
         lengths = np.array([rpm * np.pi / 30.0, share * base.torque_scale])
@@ -123,7 +127,8 @@ def fit_kernel(base: WillansFit, cells: Cells) -> KernelFit:
             best = (likelihood, lengths, amplitude, np.tril(factor[0]), weights)
     assert best is not None
     _, lengths, amplitude, lower, weights = best
-    fit = KernelFit("P_in willans+kernel", base, places / lengths, lengths, amplitude, noise, lower, weights, 0.0, 0.0)
+    fit = KernelFit("P_in willans+kernel", base, places / lengths, lengths, amplitude, noise, lower, weights,
+                    cells.common_error, 0.0, 0.0)  # fmt: skip
     return replace(fit, **_scores(fit, cells))
 
 
@@ -172,7 +177,3 @@ def _kernel(a: NDArray, b: NDArray, amplitude: float) -> NDArray[np.float64]:
     """Squared exponential in scaled coordinates, (n, m)."""
     distance = (a[:, None, 0] - b[None, :, 0]) ** 2 + (a[:, None, 1] - b[None, :, 1]) ** 2
     return amplitude**2 * np.exp(-0.5 * distance)
-
-
-def _prior_variance(a: NDArray, amplitude: float) -> NDArray[np.float64]:
-    return np.full(len(a), amplitude**2)

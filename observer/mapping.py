@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +10,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from observer.allocation import allocate
 from observer.efficiency_map import SPEED_STEP, TORQUE_STEP, EfficiencyMap, FuelMap, Limits
 from observer.envelope import declared_torque, default_overrun, observed_limits
 from observer.estimate import Estimate
-from observer.fits import Fit
-from observer.operating_points import OperatingPoints, operating_points
+from observer.fit_form import Fit, valid_cells
+from observer.fit_willans import fit_willans
+from observer.operating_points import TORQUE_FLOOR, OperatingPoints, operating_points
 from vehicle_model.car.errors import BadInput
 from vehicle_model.car.parameters import Car
 
@@ -24,24 +27,38 @@ CORRELATION_TIME = 0.5
 VISIT_SCATTER = 0.006
 """Efficiency: what a stay is off by however long it lasts (grade, wind, warmth, transients); a prior, replaced by what
 the scatter between stays shows once there are enough of them."""
+LEAST_TORQUE = -3.0
+"""N m: where a sample's own torque is cut off before it enters a fit."""
 TRIP_SCATTER = 0.006
-"""Relative: what all samples of a trip are off by together (mass, wind, fuel scale inside the tolerances)."""
+"""Relative, of the torque: what all samples of a trip are off by together (payload, wind, warmth)."""
+COMMON_SCATTER = 0.008
+"""Relative, of the torque: what no further trip takes away (mass, drag, squat, fuel scale inside the tolerances)."""
 
 
 def map_engine(estimates: Sequence[Estimate], car: Car, *, smoothed: bool = True) -> EfficiencyMap:
     """Return the efficiency map that the trips show together, on the grid of 50 rpm by 2 N m.
 
-    Each stay in a cell (contiguous samples) gives one mean, weighted by the observer's covariance of its samples over
-    their *effective* number, plus a scatter between stays: a long stay is not many measurements. Trips merge by the
-    same weights. `smoothed` takes the smoother's states, else the causal filter's.
+    A sample belongs to the cell that its fuel says (`observer.allocation`), and is moved from where it lies to the
+    cell's centre along a first Willans fit of the same trips, eta = eta_fit(centre) P_fit(omega, T) / P_in: inside a
+    cell, and within the error of the torque, the fit's slope is all that is used of it. Each stay in a cell (contiguous
+    samples) gives one mean, weighted by the observer's covariance of its samples over their *effective* number, plus a
+    scatter between stays: a long stay is not many measurements. Trips merge by the same weights. `smoothed` takes the
+    smoother's states, else the causal filter's.
     """
     trips = [operating_points(estimate, car, smoothed=smoothed) for estimate in estimates]
     columns = int(np.ceil(1.1 * car.engine.redline_speed / SPEED_STEP))
     rows = int(np.ceil(1.5 * car.engine.max_torque / TORQUE_STEP))
-    stays = _stays(trips, columns, rows)
+    allocated = allocate(trips, car)
     fuel_total = sum(_fuel_burnt(estimate, smoothed=smoothed) for estimate in estimates)
     limits = observed_limits(trips, estimates, car, columns, smoothed=smoothed)
-    return _grid(stays, columns, rows, fuel_total, limits, len(trips))
+    first = _grid(_stays(trips, allocated, columns, rows, None), columns, rows, fuel_total, limits, len(trips))
+    tangent = fit_willans(valid_cells(first), car, limits)
+    found = _grid(_stays(trips, allocated, columns, rows, tangent), columns, rows, fuel_total, limits, len(trips))
+    # a relative error of the torque moves eta at a given torque by the slope of the Willans line only
+    omega, torque = np.meshgrid(found.engine_speed, found.torque, indexing="ij")
+    common = float(np.hypot(COMMON_SCATTER, TRIP_SCATTER / np.sqrt(max(len(trips), 1))))
+    error = np.hypot(found.standard_error, found.mean * common * tangent.steepness(omega, torque))
+    return replace(found, standard_error=error, common_error=common)
 
 
 def _fuel_burnt(estimate: Estimate, *, smoothed: bool) -> float:
@@ -51,19 +68,24 @@ def _fuel_burnt(estimate: Estimate, *, smoothed: bool) -> float:
     return float(energy[-1] - energy[0]) if len(energy) else 0.0
 
 
-_INTEGERS, _REALS = ("trip", "cell", "count"), ("seconds", "fuel", "eta", "square", "omega", "torque", "variance")
+_INTEGERS, _REALS = ("trip", "cell", "count"), ("seconds", "fuel", "eta", "square", "variance")
 STAY = np.dtype([*((name, "i8") for name in _INTEGERS), *((name, "f8") for name in _REALS)])
 """One stay: sums over its samples divided by `count`; `variance` that of its mean, from the observer's covariance."""
 
 
-def _stays(trips: Sequence[OperatingPoints], columns: int, rows: int) -> NDArray:
-    """Every stay of every trip in a cell, shape (k,), dtype STAY."""
+def _stays(
+    trips: Sequence[OperatingPoints],
+    allocated: Sequence[tuple[NDArray, NDArray]],
+    columns: int,
+    rows: int,
+    tangent: Fit | None,
+) -> NDArray:
+    """Every stay of every trip in a cell, shape (k,), dtype STAY; moved to the cells' centres along `tangent`."""
     found = [np.empty(0, STAY)]
-    for number, trip in enumerate(trips):
-        column = np.floor(trip.engine_speed / SPEED_STEP)
-        row = np.floor(trip.torque / TORQUE_STEP)
-        inside = trip.mapped & (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
-        index = np.flatnonzero(inside)
+    for number, (trip, (torque, agrees)) in enumerate(zip(trips, allocated, strict=True)):
+        column, row = np.floor(trip.engine_speed / SPEED_STEP), np.floor(torque / TORQUE_STEP)
+        inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+        index = np.flatnonzero(trip.firing & agrees & (torque > TORQUE_FLOOR) & inside)
         if not len(index):
             continue
         cell = (column[index] * rows + row[index]).astype(np.int64)
@@ -71,20 +93,26 @@ def _stays(trips: Sequence[OperatingPoints], columns: int, rows: int) -> NDArray
         new[1:] = (np.diff(index) > 1) | (np.diff(cell) != 0)
         starts = np.flatnonzero(new)
         count = np.diff(np.append(starts, len(index)))
-        power, fuel = trip.power[index], np.maximum(trip.fuel_power[index], 1.0)
+        fuel = np.maximum(trip.fuel_power[index], 1.0)
+        worth, variance = trip.power[index], trip.variance[index]
+        if tangent is not None:
+            centre = tangent.efficiency((column[index] + 0.5) * SPEED_STEP, (row[index] + 0.5) * TORQUE_STEP)
+            omega, own = trip.engine_speed[index], np.maximum(trip.torque[index], LEAST_TORQUE)
+            worth = centre * tangent.fuel_power(omega, own)
+            # an error of the torque moves P_fit by its slope, and eta by less than in P_out / P_in
+            variance = variance * tangent.steepness(omega, torque[index]) ** 2
 
         def mean(values: NDArray, starts: NDArray = starts, count: NDArray = count) -> NDArray:
             return np.add.reduceat(values, starts) / count
 
-        eta = power / fuel
+        eta = worth / fuel
         stays = np.empty(len(starts), STAY)
         stays["trip"], stays["cell"], stays["count"] = number, cell[starts], count
         stays["seconds"] = count * trip.step
         stays["fuel"] = mean(fuel) * stays["seconds"]
-        stays["eta"] = mean(power) / mean(fuel)
+        stays["eta"] = mean(worth) / mean(fuel)
         stays["square"] = mean(eta**2) - mean(eta) ** 2
-        stays["omega"], stays["torque"] = mean(trip.engine_speed[index]), mean(trip.torque[index])
-        stays["variance"] = mean(trip.variance[index]) / (1.0 + stays["seconds"] / CORRELATION_TIME)
+        stays["variance"] = mean(variance) / (1.0 + stays["seconds"] / CORRELATION_TIME)
         found.append(stays)
     return np.concatenate(found)
 
@@ -100,11 +128,10 @@ def _grid(stays: NDArray, columns: int, rows: int, fuel_total: float, limits: Li
     weight = 1.0 / (stays["variance"] + between**2)
     weights = total(weight)
     with np.errstate(invalid="ignore", divide="ignore"):
-        mean, omega, torque = (total(weight * stays[name]) / weights for name in ("eta", "omega", "torque"))
+        mean = total(weight * stays["eta"]) / weights
         count = total(stays["count"].astype(float))
         spread = total(stays["count"] * (stays["square"] + (stays["eta"] - mean[cell]) ** 2)) / count
-        trips_seen = np.maximum(np.bincount(np.unique(np.stack([stays["trip"], cell]), axis=1)[1], minlength=size), 1)
-        error = np.sqrt(1.0 / weights + (TRIP_SCATTER * mean) ** 2 / trips_seen)
+        error = np.sqrt(1.0 / weights)
     deviation = np.sqrt(np.maximum(spread, 0.0))
     seconds, visits = total(stays["seconds"]), np.bincount(cell, minlength=size)
     valid = (seconds >= MIN_SECONDS - 1e-9) & (visits >= MIN_VISITS) & (deviation <= MAX_DEVIATION)
@@ -121,8 +148,6 @@ def _grid(stays: NDArray, columns: int, rows: int, fuel_total: float, limits: Li
         valid=valid.reshape(shape),
         fuel_total=float(fuel_total),
         standard_error=np.where(weights > 0, error, np.nan).reshape(shape),
-        engine_speed_mean=omega.reshape(shape),
-        torque_mean=torque.reshape(shape),
         limits=limits,
         trips=trips,
     )
@@ -149,37 +174,27 @@ def _scatter_between_stays(stays: NDArray, size: int) -> float:
 
 
 def map_error(efficiency_map: EfficiencyMap, true_efficiency: Callable[[NDArray, NDArray], NDArray]) -> float:
-    """Return the rms of mean - truth over the valid cells, NaN if there are none.
+    """Return the rms of mean - truth at the centres of the valid cells, NaN if there are none.
 
-    `true_efficiency(engine_speed, torque)` takes rad/s and N m, arrays (k,); it is asked at the samples' mean place in
-    each cell. Never state the figure without `efficiency_map.fuel_share`.
+    `true_efficiency(engine_speed, torque)` takes rad/s and N m, arrays (k,). Never state the figure without
+    `efficiency_map.fuel_share`.
     """
-    valid = efficiency_map.valid
-    if not valid.any():
-        return float("nan")
-    omega, torque = places(efficiency_map)
-    return float(np.sqrt(np.mean((efficiency_map.mean[valid] - true_efficiency(omega[valid], torque[valid])) ** 2)))
+    omega, torque = centres(efficiency_map)
+    found = efficiency_map.mean[efficiency_map.valid]
+    return float(np.sqrt(np.mean((found - true_efficiency(omega, torque)) ** 2))) if len(found) else float("nan")
 
 
 def fit_error(efficiency_map: EfficiencyMap, fit: Fit, true_efficiency: Callable[[NDArray, NDArray], NDArray]) -> float:
     """Return the rms of fit - truth at the centres of the valid cells, NaN if there are none."""
-    omega, torque = np.meshgrid(efficiency_map.engine_speed, efficiency_map.torque, indexing="ij")
-    omega, torque = omega[efficiency_map.valid], torque[efficiency_map.valid]
-    if not len(omega):
-        return float("nan")
-    return float(np.sqrt(np.mean((fit.efficiency(omega, torque) - true_efficiency(omega, torque)) ** 2)))
+    omega, torque = centres(efficiency_map)
+    error = fit.efficiency(omega, torque) - true_efficiency(omega, torque)
+    return float(np.sqrt(np.mean(error**2))) if len(error) else float("nan")
 
 
-def places(efficiency_map: EfficiencyMap) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Engine speed and torque that each cell's mean stands for, (n, m): the samples' mean, else the centre."""
+def centres(efficiency_map: EfficiencyMap) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Engine speed (rad/s) and torque (N m) at the centres of the valid cells, each (k,)."""
     omega, torque = np.meshgrid(efficiency_map.engine_speed, efficiency_map.torque, indexing="ij")
-    if efficiency_map.torque_mean.shape != omega.shape:
-        return omega, torque
-    seen = np.isfinite(efficiency_map.torque_mean)
-    return (
-        np.where(seen, efficiency_map.engine_speed_mean, omega),
-        np.where(seen, efficiency_map.torque_mean, torque),
-    )
+    return omega[efficiency_map.valid], torque[efficiency_map.valid]
 
 
 def fuel_map(efficiency_map: EfficiencyMap, car: Car, fit: Fit) -> FuelMap:
@@ -220,8 +235,7 @@ def _seen_or(declared: NDArray, columns: NDArray, seen: NDArray, omega: NDArray)
     return declared * np.interp(omega, columns[known], ratio)
 
 
-_TABLES = ("mean", "deviation", "count", "visits", "seconds", "fuel", "valid")
-_TABLES += ("standard_error", "engine_speed_mean", "torque_mean")
+_TABLES = ("mean", "deviation", "count", "visits", "seconds", "fuel", "valid", "standard_error")
 
 
 def write(efficiency_map: EfficiencyMap, folder: Path, fits: dict[str, Fit] | None = None) -> None:
@@ -235,6 +249,7 @@ def write(efficiency_map: EfficiencyMap, folder: Path, fits: dict[str, Fit] | No
         "fuel_share": efficiency_map.fuel_share,
         "valid_cells": int(efficiency_map.valid.sum()),
         "trips": efficiency_map.trips,
+        "common_error": efficiency_map.common_error,
         "torque_max_N_m": _listed(limits.torque_max),
         "overrun_torque_N_m": _listed(limits.overrun_torque),
         "idle_power_W": _listed(np.array([limits.idle_power]))[0],
@@ -274,7 +289,8 @@ def read(folder: Path) -> EfficiencyMap:
         ) from None
     except (KeyError, ValueError, TypeError, pa.ArrowException) as error:
         raise BadInput(folder, "map.json, map.parquet", f"a map as `write` writes it expected ({error})") from None
-    return EfficiencyMap(omega, torque, fuel_total=head["fuel_total_J"], limits=limits, trips=head["trips"], **tables)
+    totals = {"fuel_total": head["fuel_total_J"], "trips": head["trips"], "common_error": head["common_error"]}
+    return EfficiencyMap(omega, torque, limits=limits, **totals, **tables)
 
 
 def _listed(values: NDArray) -> list[float | None]:

@@ -45,7 +45,10 @@ class OperatingPoints:
     """Clutch closed in one gear, `LOCKED_MARGIN` on both sides."""
     cut: NDArray[np.bool_]
     """Fuel cut off for `LOCKED_MARGIN` on both sides."""
+    firing: NDArray[np.bool_]
+    """Locked, fuel on, no hard transient; whatever the torque."""
     mapped: NDArray[np.bool_]
+    """Firing, and the engine drives."""
     step: float
     """s between samples."""
 
@@ -91,10 +94,10 @@ def operating_points(estimate: Estimate, car: Car, *, smoothed: bool = True) -> 
     steady = change < TRANSIENT_LIMIT * np.maximum(fuel, 1.0)
     burnt = np.maximum(fuel, 1.0)
     variance = (speed / burnt) ** 2 * var_thrust + (power / burnt**2) ** 2 * var_fuel
-    drives = (torque > TORQUE_FLOOR) & (thrust > 0.0) & (power < 0.6 * burnt)
     whole = np.isfinite(torque) & np.isfinite(fuel) & np.isfinite(variance)
-    mapped = locked & fuel_on & steady & drives & whole
-    return OperatingPoints(estimate.time, omega, torque, fuel, power, variance, locked, cut, mapped, step)
+    firing = locked & fuel_on & steady & (power < 0.6 * burnt) & whole
+    mapped = firing & (torque > TORQUE_FLOOR) & (thrust > 0.0)
+    return OperatingPoints(estimate.time, omega, torque, fuel, power, variance, locked, cut, firing, mapped, step)
 
 
 def rate(values: NDArray, step: float) -> NDArray[np.float64]:
