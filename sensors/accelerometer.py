@@ -58,7 +58,7 @@ def bias(settings: BoxSettings, seed: int) -> NDArray[np.float64]:
 
 
 def mounting(car: Car, settings: BoxSettings) -> NDArray[np.float64]:
-    """Matrix (3, 3) that turns specific force in body axes into the sensor's: the calibration's inverse, and its error."""
+    """Matrix (3, 3) from specific force in body axes to the sensor's: the calibration's inverse, and its error."""
     m = car.mounting
     calibrated = m.scale * rotation(m.roll, m.pitch, m.yaw)
     missed = settings.accelerometer_mount_error * generator(settings.device_seed, "box.mounting").standard_normal(3)

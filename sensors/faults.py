@@ -1,6 +1,6 @@
 """Faults on a timeline: what each does to the readings of the sensor that it names, and to no other.
 
-| kind | value sensors (accelerometer, gps, gyroscope, compass; injector widths) | pulses (wheel) | `strength`, default |
+| kind | value sensors (accelerometer, gps, gyroscope, compass, injector) | pulses (wheel) | `strength`, default |
 |---|---|---|---|
 | ok | nothing | nothing | |
 | off | no readings | no pulses | |
@@ -53,7 +53,7 @@ def check(faults: Iterable[Fault]) -> None:
 
 
 def apply(sensor: str, readings: NDArray, faults: Iterable[Fault], seed: int) -> NDArray:
-    """Return the `readings` (structured, with `t` in trip time and `delay`) of `sensor` with its faults applied in turn."""
+    """Return the `readings` of `sensor` (structured, with `t` in trip time and `delay`) with its faults applied."""
     for number, fault in enumerate(faults):
         if fault.sensor == sensor and fault.kind != "ok" and readings.size:
             rng = generator(seed, f"sensors.fault.{sensor}.{number}")

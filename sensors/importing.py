@@ -21,8 +21,8 @@ from sensors.packets import read_log
 from vehicle_model.car.errors import BadInput
 
 RANGES = {
-    "m/s": (-5.0, 90.0), "m/s2": (-160.0, 160.0), "rad/s": (-1500.0, 1500.0), "W": (-1.0, 1.5e6), "m": (-1000.0, 9000.0),
-    "deg": (-360.0, 360.0),
+    "m/s": (-5.0, 90.0), "m/s2": (-160.0, 160.0), "rad/s": (-1500.0, 1500.0), "W": (-1.0, 1.5e6),
+    "m": (-1000.0, 9000.0), "deg": (-360.0, 360.0),
 }  # fmt: skip
 """What a number of a unit can be on the road; beyond it the unit in the layout is wrong."""
 JUMP = 10.0

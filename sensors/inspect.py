@@ -1,4 +1,4 @@
-"""What a log holds and how its sensors behave: rates, gaps, damage, lags, scales and offsets, each with its uncertainty.
+"""What a log holds and how its sensors behave: rates, gaps, damage; lags, scales, offsets with their uncertainty.
 
 Every figure stands with `sd`, its standard deviation, and `ci95`, its 95 % interval, both from a moving-block bootstrap
 (errors of a sensor are correlated in time), so that what a short log cannot tell is seen.

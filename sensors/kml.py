@@ -1,6 +1,7 @@
 """A trip on the map, as the thesis' Google Earth files show it (seed 004, appendix F): path and speed by colour, start
 and stop by thumbtacks, trip time by blue boxes with numbers."""
 
+import itertools
 import warnings
 from pathlib import Path
 
@@ -67,7 +68,7 @@ def write_track(
     places = np.column_stack((longitude, latitude, altitude)).round(7)
     path_folder = fastkml.Folder(name="speed, dark blue 0 to deep red 180 km/h")
     cuts = np.concatenate(([0], np.flatnonzero(np.diff(shade[:-1])) + 1, [max(t.size - 1, 0)]))
-    for begin, end in zip(cuts[:-1], cuts[1:], strict=True):
+    for begin, end in itertools.pairwise(cuts):
         if end > begin:
             line = LineString([tuple(map(float, place)) for place in places[begin : end + 1]])
             path_folder.append(_placemark(line, f"speed{shade[begin]}"))

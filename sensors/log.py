@@ -13,11 +13,22 @@ STREAMS: dict[str, np.dtype] = {
     "injector": np.dtype([("order", "i8"), ("t", "f8"), ("width", "f8"), ("saturated", "?")]),
     # t: rising edge; width: electrical, s
     "gps": np.dtype(
-        [("order", "i8"), ("t", "f8"), ("utc", "f8"), ("latitude", "f8"), ("longitude", "f8"), ("altitude", "f8")]
-        + [("hdop", "f8"), ("quality", "i4"), ("satellites", "i4"), ("speed", "f8"), ("course", "f8")]
+        [
+            ("order", "i8"),
+            ("t", "f8"),
+            ("utc", "f8"),
+            ("latitude", "f8"),
+            ("longitude", "f8"),
+            ("altitude", "f8"),
+            ("hdop", "f8"),
+            ("quality", "i4"),
+            ("satellites", "i4"),
+            ("speed", "f8"),
+            ("course", "f8"),
+        ]
     ),
     # t: logger time of the newest stamped packet before the sentence was complete (a lower bound of its arrival);
-    # utc: s since 1970 of the epoch named in the sentence; deg, m above sea level; speed m/s and course rad, NaN if unsaid
+    # utc: s since 1970 of the epoch named in the sentence; deg, m above sea level; speed m/s and course rad, or NaN
     "skew": np.dtype([("order", "i8"), ("t", "f8"), ("gained", "f8")]),
     # s that the logger's clock gained on GPS time since the last skew packet
     "gyroscope": np.dtype([("order", "i8"), ("t", "f8"), ("x", "f8"), ("y", "f8"), ("z", "f8")]),

@@ -14,12 +14,22 @@ from sensors.projection import to_local
 from sensors.roadmap import RoadMap
 
 OBSERVATION = np.dtype(
-    [("t", "f8"), ("heading", "f8"), ("heading_sigma", "f8"), ("altitude", "f8"), ("altitude_sigma", "f8")]
-    + [("straightness", "f8"), ("straightness_sigma", "f8"), ("north", "f8"), ("east", "f8"), ("link", "f8")]
-    + [("order", "f8")]
+    [
+        ("t", "f8"),
+        ("heading", "f8"),
+        ("heading_sigma", "f8"),
+        ("altitude", "f8"),
+        ("altitude_sigma", "f8"),
+        ("straightness", "f8"),
+        ("straightness_sigma", "f8"),
+        ("north", "f8"),
+        ("east", "f8"),
+        ("link", "f8"),
+        ("order", "f8"),
+    ]
 )
-"""At the passage of a node: logger time s; DEM_psi rad; DEM_alt m (NaN where the map has none); S_j rad/m; each with its
-deviation; the node's place in the map's plane, m about `RoadMap.origin`; the link of `RoadMap.roads`; and the place in
+"""At the passage of a node: logger time s; DEM_psi rad; DEM_alt m (NaN where the map has none); S_j rad/m; each with
+its deviation; the node's place in the map's plane, m about `RoadMap.origin`; the link of `RoadMap.roads`; and the place in
 the log of the packet at whose arrival it was known (in `Matcher.update_*` the number of the call)."""
 
 RECEIVER_LAG = 0.2

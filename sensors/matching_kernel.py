@@ -45,7 +45,7 @@ def _segment(link, s, start, ps):
 
 @njit(cache=True, error_model="numpy")
 def _point(link, backwards, u, start, pn, pe, ps, place):
-    """Put north, east and the unit vector of travel at `u` on `link` into `place` (4,). Goes straight on beyond ends."""
+    """Put north, east and the unit vector of travel at `u` on `link` into `place` (4,); straight on beyond ends."""
     length = ps[start[link + 1] - 1]
     s = length - u if backwards > 0 else u
     i = _segment(link, s, start, ps)
@@ -103,7 +103,7 @@ def nearby(north, east, radius, grid, gstart, gseg, seg_link, start, pn, pe, ps,
     size = grid[2]
     rows, columns = int(grid[3]), int(grid[4])
     reach = int(radius / size) + 1
-    row0, column0 = int(math.floor((north - grid[0]) / size)), int(math.floor((east - grid[1]) / size))
+    row0, column0 = math.floor((north - grid[0]) / size), math.floor((east - grid[1]) / size)
     for row in range(max(0, row0 - reach), min(rows, row0 + reach + 1)):
         for column in range(max(0, column0 - reach), min(columns, column0 + reach + 1)):
             cell = row * columns + column

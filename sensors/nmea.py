@@ -13,8 +13,17 @@ from numpy.typing import NDArray
 from sensors import nmea_kernels as kernels
 
 FIX = np.dtype(
-    [("utc", "f8"), ("latitude", "f8"), ("longitude", "f8"), ("altitude", "f8"), ("hdop", "f8"), ("quality", "f8")]
-    + [("satellites", "f8"), ("speed", "f8"), ("course", "f8")]
+    [
+        ("utc", "f8"),
+        ("latitude", "f8"),
+        ("longitude", "f8"),
+        ("altitude", "f8"),
+        ("hdop", "f8"),
+        ("quality", "f8"),
+        ("satellites", "f8"),
+        ("speed", "f8"),
+        ("course", "f8"),
+    ]
 )
 """A fix: s since 1970; deg; m above sea level; speed m/s; course rad. NaN where the receiver said nothing."""
 

@@ -257,7 +257,7 @@ def _clock(text, begin, end):
     hours = np.floor(value / 10_000.0)
     minutes = np.floor((value - hours * 10_000.0) / 100.0)
     seconds = value - hours * 10_000.0 - minutes * 100.0
-    good = good and end - begin >= 6 and 0 <= value and hours < 24 and minutes < 60 and seconds < 61
+    good = good and end - begin >= 6 and value >= 0 and hours < 24 and minutes < 60 and seconds < 61
     return hours * 3600.0 + minutes * 60.0 + np.round(seconds * 1000.0) / 1000.0, good
 
 

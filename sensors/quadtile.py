@@ -4,8 +4,8 @@ Six little-endian files. Data: `nodes.dat` (table C.1), `ways.dat` (C.2), `tiles
 `ways.idx` (C.5), `tiles.idx` (C.6); the first entry of a tree is its root. Pointers within a tree are byte offsets of
 its own file, 0 for none (nothing points at the root); pointers to data are byte offsets, all ones for none.
 
-Departures (CLI.md, "At the door"): node ids are 64-bit, zoom 32, since a 32-bit id *is* its zoom-16 tile and collides on
-any real road; counts are 16-bit. What the tables leave open: level 1 is in the two highest bits (note 31 leaves it
+Departures (CLI.md, "At the door"): node ids are 64-bit, zoom 32, since a 32-bit id *is* its zoom-16 tile and collides
+on any real road; counts are 16-bit. What the tables leave open: level 1 is in the two highest bits (note 31 leaves it
 free), of each pair the high bit is right, the low bit bottom; tiles are of the spherical Mercator square; latitude and
 longitude in 1e-7 degrees; an elevation is (metres + 10,000) x 1000, so that the sea floor is positive; a tile's way
 counts where one of its segments crosses the tile's square.

@@ -14,8 +14,23 @@ from sensors.roadmap import RoadMap, join
 from vehicle_model.car.errors import BadInput
 
 DRIVABLE = frozenset(
-    "motorway motorway_link trunk trunk_link primary primary_link secondary secondary_link tertiary tertiary_link "
-    "unclassified residential living_street service road".split()
+    [
+        "motorway",
+        "motorway_link",
+        "trunk",
+        "trunk_link",
+        "primary",
+        "primary_link",
+        "secondary",
+        "secondary_link",
+        "tertiary",
+        "tertiary_link",
+        "unclassified",
+        "residential",
+        "living_street",
+        "service",
+        "road",
+    ]
 )
 """Values of OpenStreetMap's `highway` on which a car may be met."""
 MOST_NODES = 2000
@@ -46,9 +61,8 @@ def read_osm(path: Path) -> RoadMap:
                     if tag.get("k") == "ele":
                         height = _metres(tag.get("v", ""))
                 places[element.attrib["id"]] = (float(element.attrib["lat"]), float(element.attrib["lon"]), height)
-            elif element.tag == "way":
-                if any(tag.get("k") == "highway" and tag.get("v") in DRIVABLE for tag in element.iter("tag")):
-                    ways.append([part.get("ref", "") for part in element.iter("nd")])
+            elif element.tag == "way" and _is_drivable(element):
+                ways.append([part.get("ref", "") for part in element.iter("nd")])
             if element.tag in ("node", "way", "relation") and root is not None:
                 root.clear()
     except OSError as error:
@@ -65,6 +79,10 @@ def read_osm(path: Path) -> RoadMap:
     if not pieces:
         raise BadInput(path, "", "at least one drivable way (highway=...) with two nodes")
     return join([(piece, _heights(table, piece)) for piece in pieces], table[:, 0], table[:, 1])
+
+
+def _is_drivable(way) -> bool:
+    return any(tag.get("k") == "highway" and tag.get("v") in DRIVABLE for tag in way.iter("tag"))
 
 
 def _metres(text: str) -> float:
@@ -186,7 +204,7 @@ def _unproject(path: Path, x, y, projection: str, origin) -> tuple[NDArray[np.fl
 def inverse_transverse_mercator(
     x: NDArray[np.float64], y: NDArray[np.float64], latitude_0: float, longitude_0: float, scale: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return latitude and longitude (deg, WGS 84) of transverse Mercator `x`, `y` (m); Krueger's series to n^3 (< 1 mm)."""
+    """Return latitude and longitude (deg, WGS 84) of transverse Mercator `x`, `y` (m): Krueger's series to n^3."""
     flattening = 1.0 / 298.257223563
     n = flattening / (2.0 - flattening)
     radius = 6378137.0 / (1.0 + n) * (1.0 + n**2 / 4.0 + n**4 / 64.0)

@@ -4,6 +4,7 @@ As in table C.2, a way has nodes where its shape needs them and, apart from thos
 it, both ends included (C.1, note 30). A way may be driven in either direction.
 """
 
+import itertools
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
@@ -276,7 +277,7 @@ def from_route(route: Route, seed: int = 0, settings: BoxSettings | None = None)
     rng = generator(seed, "sensors.road_map")
     ways = []
     before = rng.standard_normal()
-    for a, b in zip(cuts[:-1], cuts[1:], strict=True):
+    for a, b in itertools.pairwise(cuts):
         points = max(2, round((node_s[b] - node_s[a]) / settings.road_map_spacing) + 1)
         at = np.linspace(node_s[a], node_s[b], points)
         noise = np.concatenate(([before], rng.standard_normal(points - 1)))

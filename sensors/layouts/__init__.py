@@ -1,4 +1,4 @@
-"""Layouts of real logs: which column is what, in which unit. One TOML file each; a layout of one's own goes the same way."""
+"""Layouts of real logs: which column is what, in which unit. One TOML file each, also for a layout of one's own."""
 
 import tomllib
 from importlib.resources import files

@@ -1,5 +1,6 @@
 """The card's format, written and read back, and what the reader makes of damage."""
 
+import itertools
 import struct
 
 import numpy as np
@@ -176,7 +177,7 @@ def test_a_stream_of_any_pieces_gives_the_same_bits_as_the_whole(card, cuts):
     data[9001] ^= 0x55
     edges = [0, *sorted(cuts), len(data)]
     damage: dict[str, int] = {}
-    parts = list(stream((bytes(data[a:b]) for a, b in zip(edges[:-1], edges[1:], strict=True)), damage))
+    parts = list(stream((bytes(data[a:b]) for a, b in itertools.pairwise(edges)), damage))
     whole = decode(bytes(data))
     for name in STREAMS:
         pieces = [part[name] for part in parts if name in part]

@@ -41,7 +41,7 @@ def test_matched_nodes_tell_heading_and_altitude_within_their_deviations(driven)
 
 
 def test_almost_every_node_is_observed_once_and_in_order(driven):
-    route, trip, _, road, _, found = driven
+    _route, trip, _, road, _, found = driven
     assert found.size > 0.9 * road.elevation.size
     s = np.interp(found["t"], trip.time, trip.distance)
     assert np.all(np.diff(s) > 25.0)
@@ -65,7 +65,7 @@ def test_event_by_event_gives_the_same_bits_as_the_whole_log(driven):
     _, _, car, road, log, found = driven
     rows, place = events(log, road, car.metres_per_tick)
     matcher = Matcher(road)
-    parts = [matcher.update(rows[i : i + 1]).copy() for i in range(0, 12_000)]
+    parts = [matcher.update(rows[i : i + 1]).copy() for i in range(12_000)]
     joined = np.concatenate(parts)
     joined["order"] = place[joined["order"].astype(int)]
     assert joined.tobytes() == found[: joined.size].tobytes()
@@ -201,7 +201,7 @@ def test_openstreetmap_with_ele(tmp_path):
     assert road.elevation[0] == 300.0
     assert road.elevation[-1] == 320.0
     assert np.all(np.diff(road.elevation) > 0)
-    link, s, across = road.nearest(49.6015, 6.1001)
+    _link, s, across = road.nearest(49.6015, 6.1001)
     assert s == pytest.approx(166.8, abs=1.0)
     assert across == pytest.approx(7.2, abs=0.2)
     assert road.nearest(49.6015, 6.1001, heading=np.pi / 2) is None
