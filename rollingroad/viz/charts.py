@@ -90,6 +90,8 @@ class Panel:
     weight: float = 1.0
     """Height relative to the other panels of a column."""
     log_x: bool = False
+    equal: bool = False
+    """One unit of x as long as one of y (plans)."""
 
 
 @dataclass(frozen=True)

@@ -72,6 +72,8 @@ def _draw_panel(axes: Axes, panel: Panel) -> None:
     axes.set(xlabel=panel.x_label, ylabel=panel.y_label, title=panel.title)
     if panel.log_x:
         axes.set_xscale("log")
+    if panel.equal:
+        axes.set_aspect("equal", adjustable="datalim")
     if panel.y_range:
         axes.set_ylim(*panel.y_range)
     if panel.x_range:
@@ -79,7 +81,15 @@ def _draw_panel(axes: Axes, panel: Panel) -> None:
     handles, names = axes.get_legend_handles_labels()
     if len(set(names)) > 1:
         unique = dict(zip(names, handles, strict=True))
-        axes.legend(unique.values(), unique.keys(), ncols=4, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderpad=0.1)
+        axes.legend(
+            unique.values(),
+            unique.keys(),
+            ncols=4,
+            loc="lower left",
+            bbox_to_anchor=(0.0, 1.0),
+            borderpad=0.1,
+            markerscale=4.0,
+        )
 
 
 def _draw_mark(axes: Axes, mark: Mark, filled: dict[str, float]) -> None:

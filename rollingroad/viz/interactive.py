@@ -68,6 +68,8 @@ def _axes(panel: Panel, place: tuple[float, float], suffix: str, number: int, ch
         x["matches"] = "x"
     if not chart.beside and number < len(chart.panels):
         x["showticklabels"] = False
+    if panel.equal:
+        y["scaleanchor"] = f"x{suffix}"
     if panel.y_range:
         y["range"] = panel.y_range
     if panel.log_x:

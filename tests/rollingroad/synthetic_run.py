@@ -122,7 +122,7 @@ def drive(route, share_of_limit, step=0.02):
 
 
 def sense(trip, rng):
-    """GPS at 5 Hz with gaps in the tunnel, and nothing else that the views would look at."""
+    """GPS at 5 Hz with gaps in the tunnel, wheel pulses, and nothing else that the views would look at."""
     rows = np.arange(0, len(trip.time), int(0.2 / trip.step))
     rows = rows[trip.sky[rows] != TUNNEL]
     gps = np.zeros(len(rows), STREAMS["gps"])
@@ -133,8 +133,12 @@ def sense(trip, rng):
     gps["altitude"] = trip.altitude[rows] + rng.normal(0, 3, len(rows))
     gps["hdop"] = np.where(trip.sky[rows] == CANYON, 3.5, 1.1)
     gps["speed"] = trip.speed[rows]
+    gps["utc"] = trip.time[rows] + trip.gps_epoch
     gps["quality"] = 1
-    return SensorLog({"gps": gps}, {"bad_check": 3, "bytes_skipped": 41}, "log.dat")
+    ticks = np.arange(0.27, trip.distance[-1], 0.27)
+    wheel = np.zeros(len(ticks), STREAMS["wheel"])
+    wheel["t"] = np.interp(ticks, trip.distance, trip.time)
+    return SensorLog({"gps": gps, "wheel": wheel}, {"bad_check": 3, "bytes_skipped": 41}, "log.dat")
 
 
 def observe(trip, rng):
