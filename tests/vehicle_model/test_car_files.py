@@ -3,6 +3,7 @@
 import re
 from dataclasses import replace
 from importlib import resources
+from itertools import pairwise
 from math import pi
 from pathlib import Path
 
@@ -162,4 +163,4 @@ def test_a_ladder_descends_to_its_top():
     for gears in range(1, 11):
         ladder = gear_ladder(gears, 2.5)
         assert len(ladder) == gears and ladder[-1] == pytest.approx(2.5)
-        assert all(upper > lower for upper, lower in zip(ladder, ladder[1:], strict=False))
+        assert all(upper > lower for upper, lower in pairwise(ladder))

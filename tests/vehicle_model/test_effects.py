@@ -136,7 +136,7 @@ def test_rows_are_refused_that_make_no_sense():
         Effect("x", "road_load", "", (part,))
     with pytest.raises(ValueError, match="subsystem"):
         Effect("x", "magic", "", ())
-    with pytest.raises(BadInput, match="drag_area.factor"):
+    with pytest.raises(BadInput, match=r"drag_area\.factor"):
         complete_settings({"drag_area.factor": 9.0}, EFFECTS)
 
 

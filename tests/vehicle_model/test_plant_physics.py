@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from math import pi
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from vehicle_model.car.route import Route
 from vehicle_model.car.trip import CHANNELS, Trip
 from vehicle_model.plant import kernel as k
 from vehicle_model.plant import steady
-from vehicle_model.plant.cycle import replay
+from vehicle_model.plant.cycle import replay, run_cycle
 from vehicle_model.plant.parameters import plant_parameters
 from vehicle_model.plant.session import Plant
 
@@ -229,8 +230,49 @@ def test_an_engine_that_cannot_idle_is_refused():
 
 def test_unknown_settings_are_refused_by_name():
     car = read_car("smart")
-    with pytest.raises(BadInput, match="head_wind.sped"):
+    with pytest.raises(BadInput, match=r"head_wind\.sped"):
         plant_parameters(car, {"head_wind.sped": 3.0})
-    with pytest.raises(BadInput, match="mass.factor"):
+    with pytest.raises(BadInput, match=r"mass\.factor"):
         plant_parameters(car, {"mass.factor": -1.0})
     assert plant_parameters(car, {"gps_lag.seconds": 1.0}).tobytes() == plant_parameters(car).tobytes()
+
+
+@pytest.mark.parametrize(
+    ("name", "cycle", "low", "high"),
+    [
+        ("smart", "hwfet", 5.7, 7.2),
+        ("smart", "wltc", 7.7, 9.7),
+        ("peugeot", "udds", 8.6, 11.3),
+        ("peugeot", "hwfet", 5.7, 7.2),
+        ("peugeot", "wltc", 7.7, 9.7),
+    ],
+)
+def test_consumption_lies_in_the_band_of_sumos_models(name, cycle, low, high):
+    """Band of a Euro-4 petrol car in l/100 km, scaled by mass over PHEMlight's 1235 + 50 kg.
+
+    The Smart on the UDDS lies below (docs/engine_map.md says by how much): its engine is small beyond its mass.
+    """
+    car = read_car(name)
+    trip, account = run_cycle(car, cycle)
+    litres = account.fuel / (car.fuel.heating_value * car.fuel.density) * 1e3
+    per_100_km = litres / (trip.distance[-1] / 1e5)
+    scale = car.mass / 1285.0
+    assert low * scale <= per_100_km <= high * scale
+
+
+CAMRY = Path(__file__).parents[3] / "shared" / "data" / "fastsim_dyno"
+
+
+@pytest.mark.skipif(not CAMRY.is_dir(), reason="measured dynamometer logs are not at ../shared/data/fastsim_dyno")
+@pytest.mark.parametrize(("log", "tolerance"), [("61811012", 0.04), ("61811013", 0.04), ("61811014", 0.09)])
+def test_the_camry_burns_what_was_measured(log, tolerance):
+    """Given the speed traces of Argonne's hot UDDS, HWFET and US06, then the shipped car's fuel is theirs within some %."""
+    car = read_car("camry_2018")
+    table = np.genfromtxt(CAMRY / f"{log}.csv", delimiter=",", names=True)
+    names = table.dtype.names
+    time, speed, flow = (
+        table[next(name for name in names if word in name)] for word in ("Time", "Dyno_Spd", "FuelFlow")
+    )
+    run = replay(plant_parameters(car), time, np.where(speed < 0.3, 0.0, speed) * 0.44704)
+    litres = run["fuel_energy"][-1] / (car.fuel.heating_value * car.fuel.density) * 1e3
+    assert litres == pytest.approx(np.sum(flow) * np.median(np.diff(time)) * 1e-3, rel=tolerance)

@@ -40,7 +40,7 @@ class Parameter:
     source: str
     """Where the range comes from."""
     primary: bool = True
-    """False for a parameter of shape (a time constant, a bearing) that does nothing while the primary ones are neutral."""
+    """False for a parameter of shape (a time constant, a bearing), idle while the primary ones are neutral."""
 
     @property
     def middle(self) -> float:

@@ -1,6 +1,7 @@
 """Plausible ranges of a car's declared parameters: outside them the file is wrong, not the car unusual."""
 
 from math import isfinite, pi
+from typing import Any
 
 from vehicle_model.car.errors import BadInput
 from vehicle_model.car.parameters import Car
@@ -60,7 +61,7 @@ LIMITS: tuple[tuple[str, str, str, float, float, float], ...] = (
 def check_car(car: Car, source: object) -> None:
     """Raise `BadInput` with the parameter's name, value and range where `car` is not plausible."""
     for name, place, unit, factor, low, high in LIMITS:
-        value = car
+        value: Any = car
         for part in place.split("."):
             value = getattr(value, part)
         value = value * factor

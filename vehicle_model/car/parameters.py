@@ -29,7 +29,7 @@ class Engine:
     friction: float = 1.0
     """Rubbing and auxiliaries relative to a textbook engine of this size (plant only)."""
     throttling: float = 1.0
-    """Share of the throttle's pumping that the valve timing leaves; a late-closing (Atkinson) intake 0.6 (plant only)."""
+    """Share of the throttle's pumping that the valve timing leaves; late-closing (Atkinson) intake 0.6 (plant only)."""
     kind: str = ""
     """Free text of the file's `type`."""
 

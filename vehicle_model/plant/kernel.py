@@ -1,7 +1,7 @@
 """The plant's step: one compiled function over flat vectors. `reference.py` says the same in readable Python.
 
-A step of the plant is an exact energy balance. Speeds change linearly over it and every force works at the mean speed of
-the step, so that fuel energy = work + losses + change of stored energy holds to rounding, not to the step's order.
+A step of the plant is an exact energy balance. Speeds change linearly over it and every force works at the mean
+speed of the step, so that fuel energy = work + losses + change of stored energy holds to rounding.
 
 Vectors: `p` parameters (`plant_parameters` fills it), `x` state, rows of `record` the channels that the step knows.
 Everything a kernel needs stands in this file, constants included: numba's cache does not see edits elsewhere.
@@ -15,7 +15,7 @@ TABLE = 96
 """Nodes of each table over engine speed."""
 MAX_GEARS = 12
 
-# --- parameters: index of each in `p` -------------------------------------------------------------------------------
+# --- parameters: index of each in `p` ------------------------------------------------------------------------
 (
     P_MASS,  # kg, car and load
     P_GRAVITY,  # m/s2
@@ -121,7 +121,7 @@ P_BACK_PRESSURE = P_SPEED_EFFICIENCY + TABLE
 PARAMETERS = P_BACK_PRESSURE + TABLE
 """Length of `p`."""
 
-# --- state: index of each in `x` ------------------------------------------------------------------------------------
+# --- state: index of each in `x` -----------------------------------------------------------------------------
 (
     X_TIME,
     X_DISTANCE,
@@ -179,7 +179,7 @@ PARAMETERS = P_BACK_PRESSURE + TABLE
 ) = range(51)
 STATES = 51
 
-# --- record: the columns that a row holds, in the order of `RECORD` ----------------------------------------------------
+# --- record: the columns that a row holds, in the order of `RECORD` ------------------------------------------
 RECORD = (
     "time",
     "distance",
@@ -217,7 +217,7 @@ def _table(p, base, place):
 
 @njit(cache=True)
 def indicated_torque(p, speed, shaft):
-    """Indicated torque (N m) that overcomes `shaft` (brake + friction + accessories, N m) and the pumping; and the pumping.
+    """Indicated torque and pumping torque (N m): what carries `shaft` (brake + friction + accessories) and the pumping.
 
     The throttle leaves as much manifold pressure as the indicated work needs, so pumping falls as load rises, down to a
     floor (valves, or turbine against compressor).
@@ -303,7 +303,7 @@ def step(p, x, force, gear_wanted, pitch, straightness, vertical, heading, dt):
     time = x[X_TIME]
     mass = p[P_MASS]
 
-    # --- road load -------------------------------------------------------------------------------------------------
+    # --- road load -------------------------------------------------------------------------------------------
     wind = p[P_WIND] * (1.0 + p[P_GUST] * math.sin(p[P_GUST_RATE] * time))
     air = v0 + wind * math.cos(heading - p[P_WIND_FROM])
     across = p[P_CROSS] * math.sin(heading - p[P_CROSS_FROM])
@@ -318,14 +318,14 @@ def step(p, x, force, gear_wanted, pitch, straightness, vertical, heading, dt):
     climb = mass * p[P_GRAVITY] * math.sin(pitch)
     resistance = drag + rolling + cornering + dragging + climb
 
-    # --- wheels ----------------------------------------------------------------------------------------------------
+    # --- wheels ----------------------------------------------------------------------------------------------
     radius = p[P_RADIUS] * (1.0 + p[P_RADIUS_GROWTH] * v0 * v0)
     wheel0 = x[X_WHEEL_SPEED]
     slip0 = x[X_SLIP]
     slip = slip0 + min(p[P_SLIP_RELAXATION] * dt, 1.0) * (x[X_TYRE_FORCE] * p[P_SLIP_COMPLIANCE] - slip0)
     stretch = (1.0 + slip) / radius  # driven wheel's speed per car's speed
 
-    # --- gear, shift, clutch ------------------------------------------------------------------------------------------
+    # --- gear, shift, clutch ---------------------------------------------------------------------------------
     gear = x[X_GEAR]
     clutch = x[X_CLUTCH]
     shift = x[X_SHIFT]
@@ -375,7 +375,7 @@ def step(p, x, force, gear_wanted, pitch, straightness, vertical, heading, dt):
     turning = wheel0 / (wheel0 + 0.5)
     gear_drag = (p[P_GEAR_DRAG] + p[P_GEAR_DRAG_SPEED] * wheel0) * oil_cold * turning / radius
 
-    # --- what the engine has to carry ------------------------------------------------------------------------------------
+    # --- what the engine has to carry ------------------------------------------------------------------------
     warm = 1.0
     coldness = 0.0
     if x[X_COOLANT] < p[P_TARGET_TEMPERATURE] or x[X_OIL] < p[P_TARGET_TEMPERATURE]:
@@ -404,7 +404,7 @@ def step(p, x, force, gear_wanted, pitch, straightness, vertical, heading, dt):
     lowest = closed_indicated - closed_pumping - carried
     overrun = (1.0 - p[P_CUT_SHARE]) * closed_indicated - closed_pumping - carried
 
-    # --- what is asked of it ----------------------------------------------------------------------------------------------
+    # --- what is asked of it ---------------------------------------------------------------------------------
     wanted_clutch = 0.0
     if lever > 0.0:
         net = force + gear_drag
@@ -426,7 +426,7 @@ def step(p, x, force, gear_wanted, pitch, straightness, vertical, heading, dt):
     else:
         asked = inertia * (idle - engine0) / 0.25
 
-    # --- what it gives ------------------------------------------------------------------------------------------------------
+    # --- what it gives ---------------------------------------------------------------------------------------
     standstill = x[X_STANDSTILL] + dt if v0 <= 0.0 and force <= 0.0 else 0.0
     on = x[X_ENGINE_ON]
     if on > 0.0 and standstill > p[P_STOP_AFTER]:
@@ -468,7 +468,7 @@ def step(p, x, force, gear_wanted, pitch, straightness, vertical, heading, dt):
         indicated, pumping = indicated_torque(p, engine0, brake + carried)
     throttle = min(max((asked - overrun) / (full_load - overrun), 0.0), 1.0)
 
-    # --- brakes: what the overrun leaves -----------------------------------------------------------------------------------
+    # --- brakes: what the overrun leaves ---------------------------------------------------------------------
     if clutch == LOCKED:
         through = brake - inertia * ratio * stretch * x[X_ACCELERATION]
     elif clutch == SLIPPING:
@@ -490,7 +490,7 @@ def step(p, x, force, gear_wanted, pitch, straightness, vertical, heading, dt):
     if force < 0.0:
         braking = min(max(thrust - force, 0.0), p[P_BRAKE_LIMIT])
 
-    # --- motion -------------------------------------------------------------------------------------------------------------
+    # --- motion ----------------------------------------------------------------------------------------------
     driven = p[P_DRIVEN_INERTIA] / (radius * radius)
     free = mass + p[P_FREE_INERTIA] / (p[P_FREE_RADIUS] * p[P_FREE_RADIUS])
     surface0 = wheel0 * radius
@@ -529,10 +529,7 @@ def step(p, x, force, gear_wanted, pitch, straightness, vertical, heading, dt):
         if clutch == LOCKED:
             clutch = OPEN
     wheel1 = stretch * v1
-    if clutch == LOCKED:
-        engine1 = ratio * wheel1
-    else:
-        engine1 = engine0 + dt * (brake - through) / inertia
+    engine1 = ratio * wheel1 if clutch == LOCKED else engine0 + dt * (brake - through) / inertia
     mean_speed = 0.5 * (v0 + v1)
     mean_wheel = 0.5 * (wheel0 + wheel1)
     if engine1 < 0.0:
@@ -544,7 +541,7 @@ def step(p, x, force, gear_wanted, pitch, straightness, vertical, heading, dt):
     rolled = mean_wheel * moving
     tyre_force = thrust - driven * (radius * wheel1 - surface0) / moving if moving > 0.0 else 0.0
 
-    # --- fuel ---------------------------------------------------------------------------------------------------------------
+    # --- fuel ------------------------------------------------------------------------------------------------
     if engine1 <= 0.0 and engine0 <= 0.0:
         heat = 0.0
     elif indicated > 0.0:
@@ -560,7 +557,7 @@ def step(p, x, force, gear_wanted, pitch, straightness, vertical, heading, dt):
         heat += p[P_CRANK_ENERGY] * dt
     metered = heat / p[P_FUEL_ENERGY]
 
-    # --- energies -------------------------------------------------------------------------------------------------------------
+    # --- energies --------------------------------------------------------------------------------------------
     x[E_EXHAUST] += heat - indicated * turned
     x[E_BLEND] += metered - heat
     x[E_FRICTION] += friction * turned
@@ -582,7 +579,7 @@ def step(p, x, force, gear_wanted, pitch, straightness, vertical, heading, dt):
     x[E_BRAKES] += braking * travelled
     x[E_CLIMB] += climb * travelled
 
-    # --- the clutch closes -----------------------------------------------------------------------------------------------------
+    # --- the clutch closes -----------------------------------------------------------------------------------
     if clutch == SLIPPING:
         after = engine1 - ratio * wheel1
         if v1 > 0.0 and (abs(after) < 0.5 or difference * after < 0.0) and abs(through) < p[P_CLUTCH_CAPACITY]:
@@ -599,7 +596,7 @@ def step(p, x, force, gear_wanted, pitch, straightness, vertical, heading, dt):
             x[E_CLUTCH] += 0.5 * (engine_before - inertia * engine1 * engine1 - gained)
             clutch = LOCKED
 
-    # --- slow states -------------------------------------------------------------------------------------------------------------
+    # --- slow states -----------------------------------------------------------------------------------------
     warming = p[P_TARGET_TEMPERATURE] - x[X_COOLANT]
     x[X_COOLANT] += warming * min(metered / p[P_WARM_UP_ENERGY], 1.0)
     warming = p[P_TARGET_TEMPERATURE] - x[X_OIL]
@@ -611,7 +608,7 @@ def step(p, x, force, gear_wanted, pitch, straightness, vertical, heading, dt):
     else:
         x[X_BRAKE_HEAT] -= x[X_BRAKE_HEAT] * p[P_BRAKE_COOLING] * dt
 
-    # --- state ----------------------------------------------------------------------------------------------------------------------
+    # --- state -----------------------------------------------------------------------------------------------
     x[X_TIME] = time + dt
     x[X_DISTANCE] += travelled
     x[X_ACCELERATION] = (v1 - v0) / dt
@@ -769,7 +766,7 @@ def choose_gear(p, x, wanted, acceleration):
 
 @njit(cache=True)
 def follow(p, x, trace, trace_step, own_gears, steps, dt, every, record):
-    """Drive `steps` steps of `dt` along `trace` (n, 6: speed, gear, pitch, S_j, S_k, heading; even, `trace_step` s apart).
+    """Drive `steps` steps of `dt` along `trace` (n, 6: speed, gear, pitch, S_j, S_k, heading; every `trace_step` s).
 
     The driver knows his car: he asks for the force that the trace's acceleration and the road need, and corrects the
     speed error. `own_gears` 1: he shifts by `choose_gear`, else the trace's gears hold. Every `every`-th step fills a
@@ -801,10 +798,7 @@ def follow(p, x, trace, trace_step, own_gears, steps, dt, every, record):
         if speed <= 0.02 and slope <= 0.0:
             x[X_INTEGRAL] = 0.0
             wanted = min(wanted, -0.05 * mass) if x[X_SPEED] > 0.0 else 0.0
-        if own_gears > 0:
-            gear = choose_gear(p, x, wanted, slope)
-        else:
-            gear = int(trace[i, 1] + 0.5)
+        gear = choose_gear(p, x, wanted, slope) if own_gears > 0 else int(trace[i, 1] + 0.5)
         if gear != int(x[X_TARGET_GEAR]):
             x[X_SINCE_SHIFT] = 0.0
         x[X_SINCE_SHIFT] += dt
@@ -881,7 +875,7 @@ def steady_overrun(p, speed):
 
 @njit(cache=True)
 def steady_table(p, quantity, gear, speed, torque, out):
-    """Fill `out` (n,) for the arguments (n,): 0 fuel at wheel level, 1 full load, 2 overrun, 3 fuel at the crankshaft."""
+    """Fill `out` (n,) for the arguments (n,): 0 fuel at wheel level, 1 full load, 2 overrun, 3 fuel at the crank."""
     for n in range(out.shape[0]):
         w = speed[n]
         if quantity == 0:

@@ -110,7 +110,7 @@ def _engine(p: NDArray[np.float64], car: Car, s: dict[str, float]) -> None:
     p[k.P_TORQUE_PER_PRESSURE] = e.displacement / (4.0 * pi)
     # small cylinders have more wall per volume: heat loss and rubbing grow with the inverse of their length scale
     size = (e.displacement / e.cylinders / 450e-6) ** (-1.0 / 3.0)
-    # air-standard Otto cycle with gamma 1.28 (burnt mixture), of which heat loss and finite burning leave 0.905 at 450 cc
+    # air-standard Otto cycle with gamma 1.28 (burnt mixture), of which heat loss and burning leave 0.905 (450 cc)
     p[k.P_CYCLE_EFFICIENCY] = (1.0 - 0.095 * size) * (1.0 - e.compression ** (1.0 - 1.28))
     # a cylinder full at manifold pressure p holds fuel for 30.6 p of heat (stoichiometric, 43 MJ/kg, filling 0.9)
     p[k.P_PRESSURE_GAIN] = 30.6 * p[k.P_CYCLE_EFFICIENCY]

@@ -3,23 +3,25 @@
 It says what `kernel.step` computes and is held to it by a test (1e-12). Quantities in SI units; a force at the wheels
 is positive forwards; torque losses are positive numbers.
 
-The order within a step of length dt: what the road asks (`road_load`) - which gear and clutch (`select_gear`) - what the
-engine must carry (`carry`) - what the driver's force means at the crankshaft (`ask`) - what the engine gives (`give`) -
+The order within a step of length dt: what the road asks (`road_load`) - which gear and clutch (`select_gear`) - what
+the engine must carry (`carry`) - what the driver's force means at the crankshaft - what the engine gives -
 the brakes - the motion, linear in the new speed (`move`) - the fuel - the energies.
 
-Signs of an exact balance: speeds are linear over the step, each force works at the mean speed, so that with the free mass
-m = M + J_free / r^2, the driven wheels' inertia J_w and the engine's J_e
+Signs of an exact balance: speeds are linear over the step, each force works at the mean speed, so that with the free
+mass m = M + J_free / r^2, the driven wheels' inertia J_w and the engine's J_e
 
-    locked   [m + (J_w/r^2) g + lever k J_e i s] v' = m v + (J_w/r^2) u + lever k (T dt + J_e w) - (drag + R + B) dt
-    slipping [m + (J_w/r^2) g] v'                   = m v + (J_w/r^2) u + (X - R - B) dt,   J_e w' = J_e w + (T - T_c) dt
+    locked   [m + (J_w/r^2) g + lever k J_e i s] v'
+                 = m v + (J_w/r^2) u + lever k (T dt + J_e w) - (drag + R + B) dt
+    slipping [m + (J_w/r^2) g] v' = m v + (J_w/r^2) u + (X - R - B) dt,   J_e w' = J_e w + (T - T_c) dt
 
-where i is the ratio, s = (1 + slip)/r the driven wheels' speed per car's speed, g = s r, u = r x wheel speed, lever = i/r,
-k = 1 -+ loss of the gear, T the engine's torque, T_c the clutch's, X the thrust, R the road load and B the brakes.
+where i is the ratio, s = (1 + slip)/r the driven wheels' speed per car's speed, g = s r, u = r x wheel speed, lever =
+i/r, k = 1 -+ loss of the gear, T the engine's torque, T_c the clutch's, X the thrust, R the road load and B the brakes.
 """
 
 from dataclasses import dataclass
 from math import cos, exp, floor, sin
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +34,7 @@ Array = NDArray[np.float64]
 
 def parameters_by_name(p: Array) -> SimpleNamespace:
     """Return the vector `p` as attributes in lower case ("mass", "radius" ...), tables as arrays over engine speed."""
-    named = {
+    named: dict[str, Any] = {
         name[2:].lower(): float(p[index]) for name, index in vars(k).items() if name[:2] == "P_" and index < k.P_RATIO
     }
     nodes = np.arange(k.TABLE) / p[k.P_TABLE_RATE]

@@ -45,7 +45,7 @@ class Plant:
         self._rows = 1
 
     def advance(self, force: float, gear: int, duration: float = 0.1) -> None:
-        """Hold the command for `duration` s: `force` (N wanted at the wheels; negative brakes) and `gear` (0 neutral)."""
+        """Hold a command for `duration` s: `force` (N wanted at the wheels; negative brakes) and `gear` (0 neutral)."""
         steps = round(duration / self.step)
         if self._rows + steps > len(self._record):
             grown = np.empty((max(2 * len(self._record), self._rows + steps), k.COLUMNS))

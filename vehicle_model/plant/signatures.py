@@ -142,16 +142,17 @@ def table(car: Car) -> str:
         "<!-- Generated: python -m vehicle_model.plant.signatures > docs/effects.md -->",
         "# What each effect of the plant changes",
         "",
-        f"The `{car.name}` over a WLTC 3b with slopes of 2 %, bends of up to 2 m/s2 and all headings; same speed trace and",
-        "same gears with and without the effect; each primary parameter alone, at the middle of the longer side of its range.",
-        "A dash is a difference below a thousandth of what the channel carries. *Fuel*: of the drive. *Thrust*: rms, whole",
-        "drive. *Road*: `road_load` at the same speed and place, rms. *Driveline*: thrust beyond what the crankshaft's torque",
-        "and the nominal gearbox give, rms. *Map*: fuel beyond the nominal steady map at the same engine speed and torque,",
-        "overrun included. *Idle*: fuel power at standstill. *Engine speed*: rms at the same speed, clutch closed. *Wheel*: turns",
-        "of the driven wheels per distance. Neutral is bit-identical to the nominal car (a test).",
+        f"The `{car.name}` over a WLTC 3b with slopes of 2 %, bends of up to 2 m/s2 and all headings; same speed trace",
+        "and same gears with and without the effect; each primary parameter alone, at the middle of the longer side of",
+        "its range. A dash is a difference below a thousandth of what the channel carries. *Fuel*: of the drive.",
+        "*Thrust*: rms, whole drive. *Road*: `road_load` at the same speed and place, rms. *Driveline*: thrust beyond what",
+        "the crankshaft's torque and the nominal gearbox give, rms. *Map*: fuel beyond the nominal steady map at the same",
+        "engine speed and torque, overrun included. *Idle*: fuel power at standstill. *Engine speed*: rms at the same",
+        "speed, clutch closed. *Wheel*: turns of the driven wheels per distance. Neutral is bit-identical to the",
+        "nominal car (a test).",
         "",
-        "| effect | parameter | unit | neutral | range | at | subsystem | fuel % | thrust N | road N | driveline N | map % | idle % "
-        "| engine speed rad/s | wheel % | source of the range |",
+        "| effect | parameter | unit | neutral | range | at | subsystem | fuel % | thrust N | road N | driveline N "
+        "| map % | idle % | engine speed rad/s | wheel % | source of the range |",
         "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
 

@@ -59,6 +59,6 @@ def engine_full_load(parameters: Array, engine_speed: ArrayLike) -> Array:
 def _over(quantity: int, parameters: Array, gear: ArrayLike, speed: ArrayLike, torque: ArrayLike) -> Array:
     g, w, t = np.broadcast_arrays(np.asarray(gear, np.int64), np.asarray(speed, float), np.asarray(torque, float))
     out = np.empty(g.size)
-    flat = (np.ascontiguousarray(part).reshape(-1) for part in (g, w, t))
-    k.steady_table(np.asarray(parameters), quantity, *flat, out)
+    gears, speeds, torques = (np.ascontiguousarray(part).reshape(-1) for part in (g, w, t))
+    k.steady_table(np.asarray(parameters), quantity, gears, speeds, torques, out)
     return out.reshape(g.shape)
