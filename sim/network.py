@@ -24,6 +24,8 @@ LEAST_LENGTH = 3_000.0
 """m: and never shorter than this."""
 NEAR = 300.0
 """m: how far from a drivable road an end of the journey may lie."""
+SAME_ROAD = 15.0
+"""m: edges no farther apart are one road's two directions."""
 
 
 @dataclass(frozen=True)
@@ -163,7 +165,7 @@ def _from_osm(scenario: Scenario, directory: Path) -> Network:
         ]
         + ["--roundabouts.guess", "--junctions.join", "--ramps.guess", "--tls.guess-signals", "--tls.join"]
         + ["--tls.discard-simple", "--no-turnarounds.except-deadend", "--keep-edges.by-vclass", "passenger"]
-        + ["--remove-edges.isolated", "--osm.extra-attributes", "tunnel,layer", "--precision", "3"]
+        + ["--osm.extra-attributes", "tunnel,layer", "--precision", "3"]
         # A local transverse Mercator: north is up and a metre is a metre in the middle of the extract.
         + ["--proj", f"+proj=tmerc +lat_0={latitude:.6f} +lon_0={longitude:.6f} +k=1 +ellps=WGS84 +units=m"],
         directory,
@@ -221,11 +223,14 @@ def _underground(params: dict[str, str], kind: str) -> bool:
 
 def _nearest(
     scenario: Scenario, net: NetFile, origin: tuple[float, float, float], place: tuple[float, float], key: str
-) -> tuple[str, float]:
-    """Edge nearest to a place, and the metres along it. Raises BadInput if none is within `NEAR`."""
+) -> list[tuple[str, float]]:
+    """Edges nearest to a place (both directions of a road), and the metres along each.
+
+    Raises BadInput if none is within `NEAR`.
+    """
     east, north, _ = pymap3d.geodetic2enu(*place, 0.0, origin[0], origin[1], 0.0)
     point = np.array([east + net.offset[0], north + net.offset[1]])
-    best, edge_id, along = np.inf, "", 0.0
+    found: list[tuple[float, str, float]] = []
     for edge in net.edges.values():
         line = edge.lanes[0].shape[:, :2]
         step = np.diff(line, axis=0)
@@ -233,30 +238,37 @@ def _nearest(
         share = np.clip(((point - line[:-1]) * step).sum(axis=1) / length**2, 0.0, 1.0)
         gap = np.hypot(*(line[:-1] + share[:, None] * step - point).T)
         k = int(gap.argmin())
-        if gap[k] < best:
-            best, edge_id = float(gap[k]), edge.id
-            along = float((length[:k].sum() + share[k] * length[k]) / length.sum() * edge.length)
+        along = float((length[:k].sum() + share[k] * length[k]) / length.sum() * edge.length)
+        found.append((float(gap[k]), edge.id, along))
+    best = min(found)[0]
     if best > NEAR:
-        raise BadInput(
-            scenario.road.osm,
-            f"road.{key}",
-            f"the nearest drivable road is {best:.0f} m away; expected at most {NEAR:.0f} m",
-        )
-    return edge_id, along
+        expected = f"the nearest drivable road is {best:.0f} m away; expected at most {NEAR:.0f} m"
+        raise BadInput(scenario.road.osm, f"road.{key}", expected)
+    return [(name, along) for gap, name, along in found if gap < best + SAME_ROAD]
 
 
 def _way_between(
     scenario: Scenario, net: NetFile, graph: WayGraph, origin: tuple[float, float, float]
 ) -> tuple[list[int], float, float]:
+    """The fastest way between the ends, on the side of the road that suits it; where it begins and ends (m)."""
     assert scenario.road.start is not None and scenario.road.end is not None
-    first, depart = _nearest(scenario, net, origin, scenario.road.start, "from")
-    last, arrival = _nearest(scenario, net, origin, scenario.road.end, "to")
-    _, before = graph.ways(np.array([graph.index[first]]))
-    way = unwind(before[0], graph.index[first], graph.index[last])
-    if len(way) < 2:
+    firsts = _nearest(scenario, net, origin, scenario.road.start, "from")
+    lasts = _nearest(scenario, net, origin, scenario.road.end, "to")
+    times, before = graph.ways(np.array([graph.index[name] for name, _ in firsts]))
+    best: tuple[float, int, int] | None = None
+    for i, (first, depart) in enumerate(firsts):
+        for j, (last, arrival) in enumerate(lasts):
+            time = times[i, graph.index[last]]
+            onward = first != last or arrival > depart + 50.0
+            if np.isfinite(time) and onward and (best is None or time < best[0]):
+                best = (float(time), i, j)
+    if best is None:
         raise BadInput(scenario.road.osm, "road.from, road.to", "no way by car from one to the other")
+    _, i, j = best
+    (first, depart), (last, arrival) = firsts[i], lasts[j]
+    way = unwind(before[i], graph.index[first], graph.index[last])
     depart = float(np.clip(depart, 5.0, max(net.edges[first].length - 1.0, 5.0)))
-    return way, depart, float(np.clip(arrival, 1.0, net.edges[last].length - 1.0))
+    return way, depart, float(np.clip(arrival, 1.0, max(net.edges[last].length - 1.0, 1.0)))
 
 
 def _longest_sensible_way(net: NetFile, graph: WayGraph, extract: Path) -> list[int]:
@@ -266,7 +278,8 @@ def _longest_sensible_way(net: NetFile, graph: WayGraph, extract: Path) -> list[
     Both ends lie on edges long enough to stand on.
     """
     strong = graph.largest_component()
-    usable = np.flatnonzero(strong & (graph.length > 40.0))
+    # An extract may be one long road: then there is no network to be strongly connected.
+    usable = np.flatnonzero((graph.length > 40.0) & (strong if strong.sum() > 10 else True))
     if len(usable) == 0:
         raise BadInput(extract, "", "no drivable roads in it; expected an OpenStreetMap extract with roads for cars")
     origins = usable[np.linspace(0, len(usable) - 1, min(40, len(usable))).round().astype(int)]
@@ -283,7 +296,7 @@ def _longest_sensible_way(net: NetFile, graph: WayGraph, extract: Path) -> list[
             total = length[end] + graph.length[end]
             score = min(total, WISHED_LENGTH + 500.0) - max(total - WISHED_LENGTH - 1_500.0, 0.0)
             score += 0.01 * min(times[row, end], 900.0)
-            if score > best[0] and end != origin:
+            if score > best[0]:
                 best = (float(score), [row, int(end)])
     if not best[1] or best[0] < LEAST_LENGTH:
         raise BadInput(extract, "", f"no route of {LEAST_LENGTH / 1000:g} km in it; expected a larger extract")
