@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from sensors.projection import to_local
+from sensors.roadmap import RoadMap
 
 SPACING = 10.0
 """m between the points that a way is resampled to."""
@@ -19,6 +20,27 @@ class Road:
     """Ways as polylines: `ways[i]` (k, 3) latitude, longitude (deg), altitude (m)."""
 
     ways: tuple[NDArray[np.float64], ...]
+
+
+def road_of(maps: list[RoadMap]) -> Road:
+    """The ways of `maps` that have altitudes, a point at each of their nodes and every 10 m between."""
+    ways = []
+    for one in maps:
+        origin = one.origin
+        for i in range(one.ways):
+            nodes = one.way_nodes[one.way_start[i] : one.way_start[i + 1]]
+            ele = one.elevation[one.elevation_start[i] : one.elevation_start[i + 1]]
+            if len(nodes) < 2 or len(ele) < 1:
+                continue
+            lat, lon = one.latitude[nodes], one.longitude[nodes]
+            y, x = to_local(lat, lon, origin)
+            length = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(y), np.diff(x)))])
+            if length[-1] <= 0.0:
+                continue
+            at = np.union1d(length, np.arange(0.0, length[-1], SPACING))
+            heights = np.interp(at, np.linspace(0.0, length[-1], len(ele)), ele)
+            ways.append(np.stack([np.interp(at, length, lat), np.interp(at, length, lon), heights], axis=1))
+    return Road(tuple(ways))
 
 
 @dataclass(frozen=True)

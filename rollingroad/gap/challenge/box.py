@@ -204,4 +204,4 @@ def _gps(truth, north, east, e, rng):
         sentences.append(both[:90])
         sentences.append(both[90:])
         arrivals += [epoch[i] + delay[i] - 0.01, epoch[i] + delay[i]]
-    return np.array(arrivals), sentences
+    return np.maximum.accumulate(np.array(arrivals)), sentences

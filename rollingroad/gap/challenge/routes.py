@@ -60,25 +60,31 @@ def draw(rng: np.random.Generator, length: float, mix: dict[str, float], *, hill
     return Road(DS, altitude, pitch, heading, kappa, speed, north, east, np.array(stops), waits, limit)
 
 
-def osm(roads: list[Road], rng: np.random.Generator, *, altitude_error: float = 1.0, bias: float = 0.0, shift: float = 0.0) -> str:
+def osm(roads: list[Road], rng: np.random.Generator, *, altitude_error: float = 1.0, bias: float = 0.0, first: int = 1) -> str:
     """The map: one way per route with nodes every 50 m, altitudes off by `altitude_error` m (sd).
 
-    `bias` adds a false grade (rise per m, along the way), `shift` moves the altitudes along the way, m.
+    `bias` adds a false grade (rise per m, along the way); ids count from `first`.
     """
-    nodes, ways, number = [], [], 1
+    nodes, ways, number = [], [], first
     for w, road in enumerate(roads):
         every = int(50 / road.step)
         index = np.arange(0, len(road.pitch), every)
-        taken = np.clip(index + int(shift / road.step), 0, len(road.pitch) - 1)
-        ele = road.altitude[taken] + rng.normal(0, altitude_error, len(index)) + bias * index * road.step
+        ele = road.altitude[index] + rng.normal(0, altitude_error, len(index)) + bias * index * road.step
         lat, lon = geodetic(road.north[index], road.east[index])
         refs = []
         for k in range(len(index)):
             nodes.append(f'<node id="{number}" lat="{lat[k]:.8f}" lon="{lon[k]:.8f}"><tag k="ele" v="{ele[k]:.2f}"/></node>')
             refs.append(f'<nd ref="{number}"/>')
             number += 1
-        ways.append(f'<way id="{w + 1}">{"".join(refs)}<tag k="highway" v="secondary"/></way>')
+        ways.append(f'<way id="{first + w}">{"".join(refs)}<tag k="highway" v="secondary"/></way>')
     return '<?xml version="1.0" encoding="UTF-8"?>\n<osm version="0.6">\n' + "\n".join(nodes + ways) + "\n</osm>\n"
+
+
+def joined(texts: list[str]) -> str:
+    """Several maps as one file: nodes of all, then ways of all."""
+    lines = [line for text in texts for line in text.splitlines()[2:-1]]
+    head = '<?xml version="1.0" encoding="UTF-8"?>\n<osm version="0.6">\n'
+    return head + "\n".join(sorted(lines, key=lambda line: line.startswith("<way"))) + "\n</osm>\n"
 
 
 def geodetic(north: np.ndarray, east: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -289,3 +289,71 @@ def _drive(c, ratios, d, p, ds, altitude, pitch, heading, curvature, wish, stops
         brake_heat += dt * (brake / 4000.0 - brake_heat / 60.0)
         k += 1
     return out[:row]
+
+
+@njit(cache=True)
+def _along(c, ratios, p, t, s, v, a, gear, clutch, w, heading, pitch, kappa, heat, moved, brake_heat, cut):
+    """Fuel (W) and coasting force (N) that a car under `p` needs for a given motion: each sample solved for itself."""
+    n = len(t)
+    fuel, coast = np.zeros(n), np.zeros(n)
+    r, volume = c[6], c[7] / (4.0 * np.pi)
+    mass = c[0] * p[MASS]
+    for i in range(n):
+        psi = heading[i]
+        along = v[i] + p[WIND_N] * np.cos(psi) + p[WIND_E] * np.sin(psi)
+        across = -p[WIND_N] * np.sin(psi) + p[WIND_E] * np.cos(psi)
+        beta = np.arctan2(across, max(along, 3.0))
+        force = 0.5 * c[4] * p[RHO] * c[3] * p[CD_A] * (1.0 + p[YAW_K] * beta * beta) * along * abs(along)
+        tyre = p[CRR] + p[TYRE_K1] * np.exp(-moved[i] / p[TYRE_D1]) + p[TYRE_K2] * np.exp(-t[i] / p[TYRE_T2])
+        side = mass * v[i] * v[i] * kappa[i]
+        extra = p[BRAKE_DRAG] + p[BRAKE_HEAT] * brake_heat[i] + p[CORNER] * side * side + p[BEARING] * v[i] * t[i] / 600.0
+        extra += p[SECTOR_K] * v[i] ** 2 * max(0.0, np.cos(psi - p[SECTOR_PSI])) ** 4
+        if p[WET_K] != 0.0 and (t[i] % p[WET_PERIOD]) > 0.5 * p[WET_PERIOD]:
+            extra += p[WET_K] * v[i] * v[i]
+        extra += p[OIL_K] * (1.0 + v[i] / 20.0) * np.exp(-moved[i] / p[OIL_D])
+        if v[i] > 0.05:
+            force += mass * c[5] * np.cos(pitch[i]) * c[2] * tyre + extra
+        force += mass * c[5] * np.sin(pitch[i])
+        friction = 1.0 + p[COLD_K1] * np.exp(-heat[i] / p[COLD_E1]) + p[COLD_K2] * np.exp(-t[i] / p[COLD_T2])
+        parasitic = c[26] + p[ACC_POWER]
+        if p[AC_POWER] != 0.0 and (t[i] % p[AC_PERIOD]) < p[AC_DUTY] * p[AC_PERIOD]:
+            parasitic += p[AC_POWER]
+        if v[i] < 8.0:
+            parasitic += p[LOW_FAN]
+        torque = 0.0
+        t_max = c[19] * (1.0 - c[21] * (w[i] / c[20] - 1.0) ** 2)
+        if gear[i] > 0.0:
+            ratio = ratios[int(gear[i]) - 1] / r
+            eta = c[24] - p[ETA_LOSS] * (1.0 if p[ETA_GEAR_NO] == 0.0 or p[ETA_GEAR_NO] == gear[i] else 0.0)
+            total = (mass + c[1] + c[9] * ratio * ratio) * a[i] + force + c[25]
+            torque = total / ratio / (eta if total > 0.0 else 1.0 / eta)
+            cm = c[8] * w[i] / np.pi
+            overrun = -((c[10] + c[11] * cm + c[12] * cm * cm) * friction + c[13]) * volume
+            coast[i] = -(force + (mass + c[1]) * a[i]) + (overrun - parasitic / w[i]) * ratio / eta
+        gross = torque + parasitic / max(w[i], 30.0)
+        load = min(1.0, max(0.0, gross / t_max))
+        burnt = p[CUT_LOST] * _fuel(w[i], 0.0, c, p, friction, 0.0) if cut[i] else _fuel(w[i], gross, c, p, friction, load)
+        if clutch[i] == 0.0 and w[i] < 1.35 * c[22]:
+            burnt *= 1.0 + p[IDLE_GAIN]
+        if t[i] < p[CRANK_T]:
+            burnt *= 1.0 + p[CRANK_GAIN] * (1.0 - t[i] / p[CRANK_T])
+        burnt *= 1.0 + p[HEAT_GAIN] * (heat[i] / 4e7) * max(0.0, load - 0.4)
+        fuel[i] = burnt
+    return fuel, coast
+
+
+def along(car: dict[str, float], ratios: NDArray, effects: dict[str, float], drive: dict[str, NDArray]) -> tuple[NDArray, NDArray]:
+    """Fuel (W) and coasting force (N) at each sample of `drive` if the same motion were driven under `effects`."""
+    p = np.array([{**NEUTRAL, **effects}[name] for name in EFFECT_FIELDS])
+    c = np.array([car[name] for name in CAR_FIELDS])
+    heat = np.cumsum(drive["burnt"]) * STEP * EVERY
+    memory = np.zeros(len(heat))
+    level = 0.0
+    for i, brake in enumerate(drive["brake"]):
+        level += STEP * EVERY * (brake / 4000.0 - level / 60.0)
+        memory[i] = level
+    return _along(
+        c, np.asarray(ratios, float), p, drive["time"], drive["s"], drive["speed"], drive["acceleration"], drive["gear"],
+        drive["clutch"], drive["engine_speed"], drive["heading"], drive["pitch"], drive["curvature"], heat, drive["s"],
+        memory, drive["burnt"] <= 0.0,
+    )  # fmt: skip

@@ -1,0 +1,145 @@
+"""The diagnosis: logs of a real car in, where the gap lies, which effect causes it and how far it shrinks out."""
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from rollingroad.gap import evidence, generic, signatures
+from rollingroad.gap.channels import prepare
+from rollingroad.gap.door import read_road, read_trips
+from rollingroad.gap.evidence import Calibration, Library, Posterior, Reduced, Trip
+from rollingroad.gap.identify import unseen
+from rollingroad.gap.reconstruct import reconstruct
+from rollingroad.gap.result import as_json
+from rollingroad.gap.road import Road
+from rollingroad.gap.shrinkage import Shrinkage, shrink
+from rollingroad.gap.thresholds import load as load_thresholds
+from rollingroad.gap.where import Place, locate
+from sensors.log import SensorLog
+from vehicle_model.car.errors import BadInput
+from vehicle_model.car.files import read_car
+from vehicle_model.car.parameters import Car
+from vehicle_model.plant.parameters import plant_parameters
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Everything that was found: the JSON's content, and what a report draws."""
+
+    car: Car
+    reference: tuple[Trip, ...]
+    logs: tuple[Trip, ...]
+    library: Library
+    layout: evidence.Layout
+    calibration: Calibration
+    reduced: Reduced
+    posterior: Posterior
+    where: tuple[Place, ...]
+    shrinkage: Shrinkage
+    not_testable: tuple[tuple[str, str], ...]
+    notes: tuple[str, ...]
+    coarse: bool
+    hidden: tuple[str, ...]
+
+
+def diagnose(
+    car_path: Path, logs_dir: Path, reference_dir: Path | None = None, road: Path | None = None, hide: Sequence[str] = ()
+) -> dict[str, Any]:
+    """Return the object of `diagnose --json` (CLI.md). Raises BadInput for unusable input."""
+    return as_json(investigate(car_path, logs_dir, reference_dir, road, hide))
+
+
+def investigate(
+    car_path: Path, logs_dir: Path, reference_dir: Path | None = None, road: Path | None = None, hide: Sequence[str] = (),
+    *, workers: int = 1,
+) -> Diagnosis:  # fmt: skip
+    """Read, compare, weigh. `workers` processes share the trips."""
+    car = read_car(Path(car_path))
+    logs, notes = read_trips(Path(logs_dir))
+    references, more = read_trips(Path(reference_dir)) if reference_dir is not None else ([], [])
+    folders = [Path(logs_dir), *([Path(reference_dir)] if reference_dir else []), Path(car_path).parent]
+    ways, told = read_road(road, folders)
+    return weigh(car, logs, references, ways, hide, notes=[*notes, *more, *told], workers=workers)
+
+
+def weigh(
+    car: Car, logs: Sequence[SensorLog], references: Sequence[SensorLog], road: Road | None, hide: Sequence[str] = (),
+    *, notes: Sequence[str] = (), workers: int = 1,
+) -> Diagnosis:  # fmt: skip
+    """The diagnosis of logs in memory."""
+    library = Library(tuple(signatures.variants(car)), tuple(generic.library(car)))
+    known = {v.effect for v in library.variants} | set(NEVER)
+    for effect in hide:
+        if effect not in known and not effect.startswith("novel"):
+            raise BadInput("--hide", effect, f"one of {', '.join(sorted(known))}")
+    thresholds = load_thresholds()
+    with threadpool_limits(1):
+        jobs = [(log, car, road, None) for log in references]
+        before, bad = _columns(jobs, workers)
+        coarse = False
+        reference = [t for t in before if t is not None]
+        if reference:
+            layout = evidence.layout_of(reference)
+            calibration = evidence.calibrate(reference, layout, library)
+            correction = dict(zip(layout.calibration, calibration.mean, strict=True))
+        else:
+            correction = None
+        found, more = _columns([(log, car, road, correction) for log in logs], workers)
+        trips = [t for t in found if t is not None]
+        notes = [*notes, *bad, *more]
+        if not trips:
+            raise BadInput("--logs", "", "at least one trip of 60 s with speed; " + "; ".join(more or ["none was readable"]))
+        coarse = not np.isfinite(trips[0].p.trace.engine_speed).any()
+        layout = evidence.layout_of([*reference, *trips])
+        calibration = evidence.calibrate(reference, layout, library)
+        whitened = [evidence.whiten(t, layout, calibration.noise) for t in trips]
+        gram = sum((w.gram for w in whitened), np.zeros_like(whitened[0].gram))
+        reduced = evidence.reduce(gram, layout, calibration)
+        posterior = evidence.posterior(reduced, library, layout, hide, thresholds)
+        where = locate(trips, whitened, layout, calibration, posterior, library, reduced)
+        shrinkage = shrink(trips, whitened, reference, layout, calibration, posterior, library, hide)
+        dumb = unseen(trips, reduced, library, coarse)
+    return Diagnosis(
+        car, tuple(reference), tuple(trips), library, layout, calibration, reduced, posterior, tuple(where), shrinkage,
+        tuple(dumb), tuple(notes), coarse, tuple(hide),
+    )  # fmt: skip
+
+
+NEVER: Mapping[str, str] = {
+    "turbo_lag": "no throttle position in the logs",
+    "driver_lag": "no advice in the logs",
+    "traffic_actuation": "no distance to the leader in the logs",
+}
+"""Effects that these logs cannot show, and why."""
+
+
+def _columns(
+    jobs: Sequence[tuple[SensorLog, Car, Road | None, Mapping[str, float] | None]], workers: int
+) -> tuple[list[Trip | None], list[str]]:
+    if workers > 1 and len(jobs) > 1:
+        with ProcessPoolExecutor(workers) as pool:
+            rows = list(pool.map(_one, jobs))
+    else:
+        rows = [_one(job) for job in jobs]
+    return [row for row, _ in rows], [note for _, note in rows if note]
+
+
+def _one(job: tuple[SensorLog, Car, Road | None, Mapping[str, float] | None]) -> tuple[Trip | None, str]:
+    """One trip's columns; None and the reason where it cannot be used."""
+    log, car, road, correction = job
+    with threadpool_limits(1):
+        vector = plant_parameters(car)
+        library = Library(tuple(signatures.variants(car)), tuple(generic.library(car)))
+        trace = reconstruct(log, car, road)
+        if trace.time[-1] - trace.time[0] < 60.0:
+            return None, f"{log.name}: {trace.time[-1] - trace.time[0]:.0f} s, too short to tell anything (60 s are needed)"
+        p = prepare(trace, car, vector)
+        if not len(p.layout.time):
+            return None, f"{log.name}: nothing to compare (no fuel and no second speed)"
+        coarse = not np.isfinite(trace.engine_speed).any()
+        return evidence.columns_of(p, car, vector, library, coarse=coarse, correction=correction), ""

@@ -1,0 +1,237 @@
+"""How far the gap shrinks on trips that the fit has not seen, beside the wrong effect, a generic correction, the floor."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rollingroad.gap.channels import CHANNELS
+from rollingroad.gap.design import FUEL
+from rollingroad.gap.evidence import (
+    Calibration,
+    Layout,
+    Library,
+    Posterior,
+    Reduced,
+    Trip,
+    Whitened,
+    fit,
+    reduce,
+    stack,
+)
+from rollingroad.gap.where import signal
+
+Array = NDArray[np.float64]
+WINDOW = 30.0
+"""s, of the means that are judged."""
+
+
+@dataclass(frozen=True)
+class Shrinkage:
+    """The object of `diagnose --json` and what challenge scoring needs besides."""
+
+    channel: str
+    before: float
+    after: float
+    floor: float
+    recovered: float | None
+    ci95: tuple[float, float] | None
+    window_s: tuple[float, float] | None
+    held_out: bool
+    wrong_effect: float | None
+    generic: float | None
+    fuel_before: float | None
+    fuel_after: float | None
+    per_trip: tuple[tuple[float, float, float], ...] = ()
+    """(before, after, floor) of each trip."""
+    after_by_effect: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class _Case:
+    """One diagnosed trip: raw residual without the calibration, its own nuisance, and the columns of effects."""
+
+    residual: Array
+    nuisance: Array
+    columns: Array
+    window: NDArray[np.int64]
+    weight: Array
+    scale: float
+
+
+def shrink(
+    trips: Sequence[Trip], whitened: Sequence[Whitened], reference: Sequence[Trip], layout: Layout, calibration: Calibration,
+    posterior: Posterior, library: Library, hidden: Sequence[str],
+) -> Shrinkage:  # fmt: skip
+    """Fit on the other trips, judge on the one left out (on itself, if it is alone)."""
+    places = {id(v): p for v, p in zip(library.variants, library.places, strict=True)}
+    chosen = _leading(posterior)
+    columns, sd = _columns_of(chosen, posterior, library, layout, places)
+    channel = _channel(columns, posterior, whitened, trips, layout, chosen, library, places)
+    held = len(trips) > 1
+    total = sum((w.gram for w in whitened), np.zeros_like(whitened[0].gram))
+    cases = [_case(t, w, layout, calibration, channel) for t, w in zip(trips, whitened, strict=True)]
+    reductions = [reduce(total - w.gram if held else total, layout, calibration) for w in whitened]
+    whole = reduce(total, layout, calibration)
+
+    def errors(index: NDArray, deviations: Array, fits: Sequence[Reduced]) -> Array:
+        out = []
+        for case, r in zip(cases, fits, strict=True):
+            value = fit(r, index, deviations).value if len(index) else np.zeros(0)
+            out.append(_rms(case, case.residual - case.columns[:, index] @ value))
+        return np.array(out)
+
+    none = np.zeros(0, int)
+    before = errors(none, np.zeros(0), reductions)
+    after = errors(columns, sd, reductions) if len(columns) else before
+    best = [fit(whole, columns, sd).value if len(columns) else np.zeros(0)] * len(cases)
+    floor = np.array([_floor(c, c.columns[:, columns] @ b) for c, b in zip(cases, best, strict=True)])
+
+    def mean(x: Array) -> float:
+        return float(np.sqrt(np.mean(x**2)))
+
+    singles: dict[str, float] = {}
+    for effect, (variant, _) in posterior.fits.items():
+        place = places[id(variant)]
+        index = np.arange(place.start, place.stop)
+        singles[effect] = mean(errors(index, library.sd[index], reductions))
+    rivals = [value for effect, value in singles.items() if effect not in chosen]
+    generic_after = None
+    if posterior.regressors is not None:
+        index = np.array([layout.effects + library.regressors.index(g) for g in posterior.regressors[0]])
+        generic_after = mean(errors(index, np.array([g.sd for g in posterior.regressors[0]]), reductions))
+    b, a, f = mean(before), mean(after), mean(floor)
+    recovered = _recovered(before, after, floor) if chosen else None
+    ci = _interval(before, after, floor) if chosen and held else None
+    fuel = _trip_fuel(trips, cases if CHANNELS.index(channel) == FUEL else None, columns, sd, reductions, layout, calibration)
+    return Shrinkage(
+        channel, b, a, f, recovered, ci, None, held, min(rivals) if rivals else None, generic_after, *fuel,
+        tuple(zip(before.tolist(), after.tolist(), floor.tolist(), strict=True)), singles,
+    )  # fmt: skip
+
+
+def _leading(posterior: Posterior) -> tuple[str, ...]:
+    """The most probable cause, if any is likelier than none; "outside_catalogue" is one."""
+    rows: list[tuple[float, tuple[str, ...]]] = [(posterior.none, ()), (posterior.outside, ("outside_catalogue",))]
+    rows += [(p, (e,)) for e, p in posterior.singles.items()]
+    rows += [(p, pair) for pair, p in posterior.pairs.items()]
+    if posterior.none >= 0.5:
+        return ()
+    rows[0] = (0.0, ())
+    return max(rows)[1]
+
+
+def _columns_of(chosen, posterior: Posterior, library: Library, layout: Layout, places) -> tuple[NDArray, Array]:
+    if not chosen:
+        return np.zeros(0, int), np.zeros(0)
+    if chosen == ("outside_catalogue",):
+        assert posterior.regressors is not None
+        found = posterior.regressors[0]
+        return (
+            np.array([layout.effects + library.regressors.index(g) for g in found]),
+            np.array([g.sd for g in found]),
+        )
+    if len(chosen) == 2:
+        first, second, _ = posterior.pair_fits[chosen]
+        variants = (first, second)
+    else:
+        variants = (posterior.fits[chosen[0]][0],)
+    index = np.concatenate([np.arange(places[id(v)].start, places[id(v)].stop) for v in variants])
+    return index, library.sd[index]
+
+
+def _channel(columns, posterior, whitened, trips, layout, chosen, library, places) -> str:
+    """The channel that carries most of the leading cause's signal; the fuel where there is none."""
+    if not len(columns):
+        return "fuel_power"
+    if chosen == ("outside_catalogue",):
+        value = posterior.regressors[1].value
+    elif len(chosen) == 2:
+        value = posterior.pair_fits[chosen][2].value
+    else:
+        value = posterior.fits[chosen[0]][1].value
+    energy = np.zeros(len(CHANNELS))
+    for trip, w in zip(trips, whitened, strict=True):
+        np.add.at(energy, trip.p.layout.channel, signal(columns, value, w, layout) ** 2)
+    return CHANNELS[int(np.argmax(energy))]
+
+
+def _case(trip: Trip, w: Whitened, layout: Layout, calibration: Calibration, channel: str) -> _Case:
+    rows = stack(trip, layout)
+    c, n = len(layout.calibration), layout.nuisance
+    mask = trip.p.layout.channel == CHANNELS.index(channel)
+    residual = rows[mask, -1] - rows[mask, :c] @ calibration.mean
+    # nuisance of the trip alone (offsets of an altitude, for one): free in every comparison alike
+    own = np.concatenate([rows[mask, c:n], trip.own.matrix[mask]], axis=1)
+    wide = np.concatenate([layout.tolerance_sd, trip.own.sd])
+    parts = trip.p.layout.parts[channel][2] if channel in trip.p.layout.parts else np.ones(int(mask.sum()))
+    if channel == "fuel_power":
+        scale = float(np.nanmean(trip.p.samples.fuel))
+    else:
+        scale = float(np.sqrt(np.mean(trip.p.layout.sigma[mask] ** 2))) if mask.any() else 1.0
+    window = (trip.p.layout.time[mask] / WINDOW).astype(int)
+    del w
+    return _Case(residual, own * wide, rows[mask, n:-1], window, parts.astype(float), max(scale, 1e-12))
+
+
+def _rms(case: _Case, residual: Array) -> float:
+    """Normalised rms of the 30 s means, the trip's own and the tolerances fitted away within their limits."""
+    means = _windowed(case, residual)
+    own = np.stack([_windowed(case, case.nuisance[:, i]) for i in range(case.nuisance.shape[1])], axis=1)
+    noise = 0.5 * np.median(np.abs(means)) + 1e-12 * case.scale
+    fitted = own @ np.linalg.solve(noise**2 * np.eye(own.shape[1]) + own.T @ own, own.T @ means)
+    return float(np.sqrt(np.mean((means - fitted) ** 2))) / case.scale
+
+
+def _windowed(case: _Case, x: Array) -> Array:
+    _, number = np.unique(case.window, return_inverse=True)
+    return np.bincount(number, x * case.weight) / np.bincount(number, case.weight)
+
+
+def _floor(case: _Case, signal_: Array) -> float:
+    """What noise leaves of this very trip once the cause and its nuisance are fitted to it as well as can be."""
+    means = _windowed(case, case.residual - signal_)
+    own = np.stack([_windowed(case, case.nuisance[:, i]) for i in range(case.nuisance.shape[1])], axis=1)
+    noise = 0.5 * np.median(np.abs(means)) + 1e-12 * case.scale
+    s = _windowed(case, signal_)
+    own = np.concatenate([own, (s * 0.3)[:, None]], axis=1)
+    fitted = own @ np.linalg.solve(noise**2 * np.eye(own.shape[1]) + own.T @ own, own.T @ means)
+    return float(np.sqrt(np.mean((means - fitted) ** 2))) / case.scale
+
+
+def _recovered(before: Array, after: Array, floor: Array) -> float | None:
+    b, a, f = (float(np.sqrt(np.mean(x**2))) for x in (before, after, floor))
+    return float((b - a) / (b - f)) if b - f > 0.02 * b else None
+
+
+def _interval(before: Array, after: Array, floor: Array) -> tuple[float, float] | None:
+    """95 % interval over trips (bootstrap)."""
+    rng = np.random.default_rng(0)
+    values = []
+    for _ in range(400):
+        pick = rng.integers(len(before), size=len(before))
+        value = _recovered(before[pick], after[pick], floor[pick])
+        if value is not None:
+            values.append(value)
+    return (float(np.percentile(values, 2.5)), float(np.percentile(values, 97.5))) if len(values) > 100 else None
+
+
+def _trip_fuel(trips, cases, columns, sd, reductions, layout, calibration) -> tuple[float | None, float | None]:
+    """Mean absolute error of a trip's fuel, percent, before and after."""
+    before, after = [], []
+    for i, trip in enumerate(trips):
+        mask = trip.p.layout.channel == FUEL
+        if not mask.any():
+            return None, None
+        rows = stack(trip, layout)[mask]
+        c, n = len(layout.calibration), layout.nuisance
+        residual = rows[:, -1] - rows[:, :c] @ calibration.mean
+        count = trip.p.layout.parts["fuel_power"][2]
+        index = trip.p.layout.parts["fuel_power"][0]
+        fuel = float(np.nansum(trip.p.samples.fuel[index]))
+        value = fit(reductions[i], columns, sd).value if len(columns) else np.zeros(0)
+        before.append(float((residual * count).sum()) / fuel)
+        after.append(float(((residual - rows[:, n + columns] @ value) * count).sum()) / fuel)
+    del cases
+    return 100.0 * float(np.mean(np.abs(before))), 100.0 * float(np.mean(np.abs(after)))
