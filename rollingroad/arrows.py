@@ -69,16 +69,25 @@ def drive_scenario(task: Task, network: Network, advice: Advice | None = None, *
     return drive(task.scenario, task.car, task.seed, advisor=advisor, network=network, perfect=perfect)
 
 
-def sense(task: Task, truth: Drive) -> Sensed:
-    """The arrow `sense`: what the logger writes on its card, and what the reader makes of it."""
+def sensed_card(task: Task, trip: Trip) -> bytes:
+    """What the logger writes on its card during `trip`."""
+    return record(trip, task.car, box_settings(task.scenario.sensors, task.settings), task.seed)
+
+
+def sense(task: Task, truth: Drive, card: bytes | None = None) -> Sensed:
+    """The arrow `sense`: what the logger writes on its card (or wrote: `card`), and what the reader makes of it."""
+    card = sensed_card(task, truth.trip) if card is None else card
     settings = box_settings(task.scenario.sensors, task.settings)
-    card = record(truth.trip, task.car, settings, task.seed)
     return Sensed(card, decode(card), from_route(truth.route, task.seed, settings))
 
 
 def map_found(estimates: Sequence[Estimate], car: Car) -> Mapped:
     """The arrow `map_engine`: the grid, its fits, and the planner's table, of one or more trips."""
-    found = map_engine(estimates, car)
+    return fitted(map_engine(estimates, car), car)
+
+
+def fitted(found: EfficiencyMap, car: Car) -> Mapped:
+    """A grid with its fits and the planner's table."""
     fits = fit_all(found, car)
     return Mapped(found, fits, fuel_map(found, car, default_fit(fits)))
 
@@ -102,13 +111,13 @@ def trip_efficiency(trip: Trip) -> float:
     return work / float(c["fuel_energy"][-1] - c["fuel_energy"][0])
 
 
-def first_prices(road: RoadAhead, table: FuelMap, car: Car, baseline: Drive) -> tuple[float, float]:
+def first_prices(road: RoadAhead, table: FuelMap, car: Car, baseline: Trip) -> tuple[float, float]:
     """Two prices of time, W: the one at which the plan takes as long as the baseline was on the move, and a high one.
 
     Traffic makes every drive slower than its plan, so the price that holds the baseline's time lies above the first.
     """
-    c = baseline.trip.channels
-    moving = float(np.count_nonzero(c["speed"] > 0.3) * baseline.trip.step)
+    c = baseline.channels
+    moving = float(np.count_nonzero(c["speed"] > 0.3) * baseline.step)
     start, end = float(c["speed"][0]), float(c["speed"][-1])
     try:
         plan = plan_route_in_time(road, table, car, start_speed=start, end_speed=end, trip_time=moving)

@@ -6,9 +6,6 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from sim.road_ahead import road_ahead
-from sim.truth import true_fuel_map
-
 from observer.observe import observe
 from rollingroad.arrows import drive_scenario, first_prices, follow, map_found, sense
 from rollingroad.folder import Stopwatch, whole_folder
@@ -17,6 +14,8 @@ from rollingroad.task import Task
 from rollingroad.warm_up import warm_up
 from rollingroad.workers import executor
 from sim.network import build
+from sim.road_ahead import road_ahead
+from sim.truth import true_fuel_map
 
 
 def run_chain(
@@ -48,7 +47,7 @@ def run_chain(
         tell("mapping the engine and planning")
         learnt = map_found([estimate], task.car)
         road = road_ahead(baseline.route, sensed.road_map)
-        prices = first_prices(road, learnt.fuel_map, task.car, baseline)
+        prices = first_prices(road, learnt.fuel_map, task.car, baseline.trip)
         watch.lap("plan")
 
         tell("driving again, with advice")

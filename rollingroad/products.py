@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sensors.kml import write_kml
 
 from controller.advice import RoadAhead
 from controller.advice_files import write_advice
@@ -25,9 +24,10 @@ from rollingroad.arrows import Followed, Mapped, Sensed, consumption, map_found,
 from rollingroad.evaluation.scores import observer_scores, outage_seconds
 from rollingroad.folder import Stopwatch, write_json
 from rollingroad.run import Run
-from rollingroad.task import Task
+from rollingroad.task import Task, described
 from rollingroad.viz.recording import write_recording
 from rollingroad.viz.report import write_report
+from sensors.kml import write_kml
 from sensors.packets import write_log
 from sim.drive import Drive
 from sim.network import Network
@@ -141,6 +141,7 @@ def figures(products: Products, folder: Path, watch: Stopwatch, compiled: float)
         "log_damage": dict(products.sensed.log.damage),
         "notes": [*products.network.notes, *baseline.notes],
         "versions": versions(),
+        "task": described(task),
     }
 
 

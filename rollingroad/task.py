@@ -3,10 +3,11 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from rollingroad.catalogue import check_settings, plant_keys, read_settings
-from scenarios.files import load
-from scenarios.schema import Road, Scenario, Traffic
+from scenarios.files import from_osm, load
+from scenarios.schema import Scenario
 from vehicle_model.car.errors import BadInput
 from vehicle_model.car.files import read_car
 from vehicle_model.car.parameters import Car
@@ -46,7 +47,7 @@ def make_task(
 
     `settings` are `effect.parameter=value` strings; `start` and `end` are "lat,lon" in degrees. Raises BadInput.
     """
-    read = _from_osm(osm, start, end) if osm is not None else load(scenario)
+    read = load(scenario) if osm is None else from_osm(osm, *_ends(start, end))
     if osm is None and (start or end):
         raise BadInput("--from/--to", "", "expected together with --osm")
     effects = check_settings(read.effects, str(read.source or read.name)) | read_settings(settings)
@@ -54,16 +55,21 @@ def make_task(
     return Task(scenario_set, read_car(car or read.car), read.seed if seed is None else seed)
 
 
-def _from_osm(osm: Path, start: str | None, end: str | None) -> Scenario:
-    if not osm.is_file():
-        raise BadInput(osm, "", "expected an OpenStreetMap extract, but there is no such file")
-    if (start is None) != (end is None):
-        raise BadInput("--from/--to", "", "expected both or neither")
-    ends = {}
-    if start is not None and end is not None:
-        ends = {"from": _place("--from", start), "to": _place("--to", end)}
-    road = Road(osm=str(osm.resolve()), **ends)
-    return Scenario(title=f"OpenStreetMap: {osm.parent.name or osm.stem}", road=road, traffic=Traffic(vehicles=60))
+def described(task: Task) -> dict[str, Any]:
+    """`task` as `run.json` keeps it, so that later arrows know what was asked."""
+    scenario = task.scenario
+    return {
+        "scenario": scenario.model_dump(mode="json", by_alias=True, exclude={"source"}, exclude_none=True),
+        "source": str(scenario.source or scenario.name),
+        "seed": task.seed,
+    }
+
+
+def _ends(start: str | None, end: str | None) -> tuple[tuple[float, float] | None, tuple[float, float] | None]:
+    return (
+        None if start is None else _place("--from", start),
+        None if end is None else _place("--to", end),
+    )
 
 
 def _place(option: str, text: str) -> tuple[float, float]:

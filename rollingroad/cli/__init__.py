@@ -1,4 +1,4 @@
-"""The `rollingroad` command: parse, call, print. What other programs rely on: exit status, `--json`, one-line errors."""
+"""The `rollingroad` command: parse, call, print. Programs rely on its exit status, `--json` and one-line errors."""
 
 import os
 import sys
@@ -10,6 +10,7 @@ def main() -> None:
     import click
     import typer
 
+    from rollingroad.cli import car_commands, chain_commands, log_commands, view_commands  # noqa: F401  (they register)
     from rollingroad.cli.app import app
     from vehicle_model.car.errors import BadInput
 

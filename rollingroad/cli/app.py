@@ -1,9 +1,5 @@
-"""The commands. Each parses its options, calls one function of the application and prints what came of it.
+"""The command line's root and the options that several commands share."""
 
-Imports of the application stand inside the commands: `--help` must answer at once.
-"""
-
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -32,33 +28,3 @@ Workers = Annotated[
 @app.callback()
 def _top() -> None:
     """Keeps `rollingroad COMMAND` a group of commands however few there are."""
-
-
-@app.command(epilog="Examples: rollingroad run · rollingroad run town --car peugeot --set head_wind.speed=4 --json")
-def run(
-    scenario: Annotated[str, typer.Argument(help="A shipped scenario's name or a TOML file.")] = "mixed",
-    osm: Annotated[Path | None, typer.Option("--osm", help="Any OpenStreetMap extract instead.")] = None,
-    start: Annotated[str | None, typer.Option("--from", metavar="LAT,LON", help="With --osm.")] = None,
-    end: Annotated[str | None, typer.Option("--to", metavar="LAT,LON", help="With --osm.")] = None,
-    car: CarOption = None,
-    seed: Seed = 0,
-    settings: Settings = None,
-    out: Annotated[Path | None, typer.Option("--out", help="Run folder; runs/SCENARIO-SEED by default.")] = None,
-    workers: Workers = None,
-    json: Json = False,
-) -> int:
-    """The whole chain once: drive, sense, observe, map, plan, drive again with advice, compare."""
-    from rollingroad.chain import run_chain
-    from rollingroad.cli.output import print_json, progress
-    from rollingroad.cli.tables import run_table
-    from rollingroad.task import make_task
-
-    task = make_task(scenario, car=car, seed=seed, settings=settings or [], osm=osm, start=start, end=end)
-    folder = out or Path("runs") / f"{task.scenario.name}-{seed}"
-    with progress(quiet=json) as tell:
-        results = run_chain(task, folder, workers=workers, tell=tell)
-    if json:
-        print_json(results)
-    else:
-        run_table(results)
-    return 0 if results["saving_percent"] is not None else 1

@@ -61,3 +61,109 @@ def run_table(results: Mapping[str, Any]) -> None:
     for name, path in results["files"].items():
         table.add_row(name, str(path))
     out.print(table)
+
+
+def map_table(found: Mapping[str, Any]) -> None:
+    """Print what a map is worth."""
+    out = console()
+    out.print(
+        f"{found['cells']} valid cells hold {found['fuel_share']:.0%} of the fuel; fit {found['fit']}, R2 {found['r2']:.4f}"
+    )
+    if found["rmse"] is not None:
+        out.print(
+            f"off by {100 * found['rmse']:.2f} points rms, the fit by {100 * found['fit_rmse']:.2f}, "
+            f"its peak by {100 * found['peak_value_error']:+.2f}"
+        )
+
+
+def cycle_table(account: Mapping[str, Any]) -> None:
+    """Print a drive cycle's fuel and energy account."""
+    out = console()
+    table = Table(title=f"{account['cycle']} · {account['car']}", show_header=True)
+    table.add_column("where the fuel went")
+    table.add_column("MJ", justify="right")
+    table.add_column("share", justify="right")
+    for name, joules in sorted(account["account_J"].items(), key=lambda item: -abs(item[1])):
+        table.add_row(name.replace("_", " "), f"{joules / 1e6:.3f}", f"{joules / account['fuel_J']:+.1%}")
+    table.add_section()
+    table.add_row("fuel", f"{account['fuel_J'] / 1e6:.3f}", f"{account['fuel_l_per_100km']:.2f} l/100 km")
+    out.print(table)
+    out.print(
+        f"{account['distance_m'] / 1000:.2f} km in {_minutes(account['time_s'])}; the account closes to "
+        f"{abs(account['account_error']):.0e} of the fuel"
+    )
+
+
+def dyno_table(found: Mapping[str, Any]) -> None:
+    """Print the dynamometer's map: efficiency in percent, every 500 rpm."""
+    out = console()
+    table = Table(title=f"{found['car']} on the dynamometer, gear {found['gear']}: efficiency, fuel to wheel, %")
+    table.add_column("rpm", justify="right")
+    # Every second torque and every fifth speed: what fits a terminal. The whole table is in --json.
+    for torque in found["torque_N_m"][::2]:
+        table.add_column(f"{torque:.0f} Nm", justify="right")
+    for rpm, row in list(zip(found["rpm"], found["efficiency"], strict=True))[::5]:
+        table.add_row(f"{rpm:.0f}", *("" if value is None else f"{100 * value:.1f}" for value in row[::2]))
+    out.print(table)
+    peak = found["peak"]
+    out.print(f"best: {100 * peak['efficiency']:.1f} % at {peak['rpm']:.0f} rpm and {peak['torque_N_m']:.0f} Nm")
+
+
+def solve_table(result: Mapping[str, Any]) -> None:
+    """Print the answers to a case of optimal control."""
+    out = console()
+    table = Table(title=result["case"])
+    for name in ("method", "fuel, kJ", "time, s", "shifts at, rpm", "drift of H", "gap", "took", ""):
+        table.add_column(name)
+    for row in result["solutions"]:
+        proof = row["certificate"]
+        table.add_row(
+            row["method"],
+            "–" if row["J"] is None else f"{row['J'] / 1e3:.2f}",
+            "–" if row["time_s"] is None else f"{row['time_s']:.3f}",
+            " ".join(f"{shift['engine_speed'] * 30 / 3.14159265:.0f}" for shift in row["shifts"]),
+            "–" if proof.get("hamiltonian_drift") is None else f"{proof['hamiltonian_drift']:.1e}",
+            "–" if proof.get("maximum_gap") is None else f"{proof['maximum_gap']:.1e}",
+            f"{1e3 * row['wall_s']:.1f} ms",
+            "" if proof["refused"] is None else f"refused: {proof['refused']}",
+        )
+    out.print(table)
+
+
+def scenario_table(found: Mapping[str, Any]) -> None:
+    """Print what there is to drive."""
+    out = console()
+    table = Table(show_header=False)
+    for name, title in found["scenarios"].items():
+        table.add_row(name, title)
+    table.add_section()
+    for name, where in found["cities"].items():
+        table.add_row(name, where)
+    table.add_section()
+    table.add_row("cars", ", ".join(found["cars"]))
+    out.print(table)
+
+
+def inspect_table(reports: Mapping[str, Any]) -> None:
+    """Print what each log holds."""
+    out = console()
+    for report in reports["logs"]:
+        table = Table(title=report["name"] or "log")
+        for name in ("stream", "count", "rate, Hz", "longest gap, s", "gaps"):
+            table.add_column(name, justify="left" if name == "stream" else "right")
+        for name, stream in report["streams"].items():
+            table.add_row(
+                name, *(f"{stream[key]:.4g}" for key in ("count", "rate", "longest_gap", "gaps") if key in stream)
+            )
+        out.print(table)
+        for part in ("receivers", "accelerometer", "clock", "damage", "not_found"):
+            if report[part]:
+                out.print(f"{part.replace('_', ' ')}: {_flat(report[part])}", soft_wrap=True)
+
+
+def _flat(value: Any) -> str:
+    if isinstance(value, Mapping):
+        if set(value) >= {"value", "sd"}:
+            return f"{value['value']:.4g} ± {value['sd']:.2g}"
+        return ", ".join(f"{key.replace('_', ' ')} {_flat(item)}" for key, item in value.items())
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

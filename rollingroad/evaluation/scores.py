@@ -59,14 +59,15 @@ def observer_scores(estimate: Estimate, trip: Trip, *, clock_offset: float = 0.0
         torque = thrust * speed / engine_speed
         true = thrust * speed / fuel
         found = estimate.column("thrust") * estimate.column("speed") / estimate.column("fuel_power")
-        error = found - true
+        # Where no fuel is believed to flow no efficiency is claimed: the whole of the true one is the error.
+        error = np.where(estimate.column("fuel_power") > 0.0, found, 0.0) - true
     hard = use & (torque > 10.0) & (engine_speed > 1500.0 * 2.0 * np.pi / 60.0)
     smoothed = estimate.column("thrust", smoothed=True)
     return {
         "thrust_rmse_N": rms((estimate.column("thrust") - thrust)[use]),
         "thrust_rmse_smoothed_N": rms((smoothed - thrust)[use]),
         "thrust_rms_N": rms(thrust[use]),
-        "efficiency_rmse": rms(error[hard & np.isfinite(error)]),
+        "efficiency_rmse": rms(error[hard]),
     }
 
 
