@@ -35,8 +35,8 @@ class Run:
     fits: Mapping[str, Fit]
     advice: Advice
     true_efficiency: NDArray[np.float64] | None
-    """"True efficiency" of DESIGN.md, (n, m) like the cells of `efficiency_map`, at the place that each cell's mean
-    stands for (`observer.mapping.places`); NaN where the engine cannot be. None where there is no truth (real logs)."""
+    """"True efficiency" of DESIGN.md at the cell centres of `efficiency_map`, (n, m); NaN where the engine cannot be.
+    None where there is no truth (real logs)."""
     road_ahead: RoadAhead | None
     """What the advisor knew of the road; None in a run read back from a folder."""
     folder: Path

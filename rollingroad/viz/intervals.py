@@ -5,11 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.efficiency_map import EfficiencyMap
-from observer.estimate import Estimate
 from rollingroad.evaluation.scores import at, driving
+from rollingroad.run import Run
 from vehicle_model.car.randomness import generator
-from vehicle_model.car.trip import Trip
 
 BLOCK = 20.0
 """s: errors of the estimate forget each other within a block."""
@@ -27,25 +25,33 @@ class RunIntervals:
     nis: Interval
     map_rmse: Interval
     """Fraction."""
+    fit_rmse: Interval
+    """Fraction, of the planner's fit."""
 
 
-def run_intervals(
-    estimate: Estimate, trip: Trip, found: EfficiencyMap, truth: NDArray[np.float64] | None, seed: int
-) -> RunIntervals:
+def run_intervals(run: Run, seed: int) -> RunIntervals:
     """Intervals of the observer's and the map's figures; the same `seed` gives the same intervals."""
     rng = generator(seed, "report intervals")
+    estimate, trip, found, truth = run.estimate, run.baseline, run.efficiency_map, run.true_efficiency
     use = driving(trip, estimate.time)
     thrust = at(trip, "thrust", estimate.time)
     blocks = (estimate.time[use] // BLOCK).astype(int)
     errors = [(estimate.column("thrust", smoothed=smoothed) - thrust)[use] for smoothed in (False, True)]
     records = estimate.records[estimate.records["fused"]]
-    kept = found.valid & np.isfinite(found.mean)
-    cells = np.empty(0) if truth is None else (found.mean - truth)[kept & np.isfinite(truth)]
+    cells = smooth = np.empty(0)
+    if truth is not None:
+        kept = found.valid & np.isfinite(found.mean) & np.isfinite(truth)
+        cells = (found.mean - truth)[kept]
+        planned = run.fits.get(str(run.results["map"]["fit"]))
+        if planned is not None:
+            omega, torque = np.meshgrid(found.engine_speed, found.torque, indexing="ij")
+            smooth = planned.efficiency(omega[kept], torque[kept]) - truth[kept]
     return RunIntervals(
         thrust=_root(_mean_interval(errors[0] ** 2, blocks, rng)),
         thrust_smoothed=_root(_mean_interval(errors[1] ** 2, blocks, rng)),
         nis=_mean_interval(records["nis"], (records["t"] // BLOCK).astype(int), rng),
         map_rmse=_root(_mean_interval(cells**2, np.arange(len(cells)), rng)),
+        fit_rmse=_root(_mean_interval(smooth**2, np.arange(len(smooth)), rng)),
     )
 
 

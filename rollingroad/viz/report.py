@@ -17,8 +17,7 @@ NONE, EXACT, ONCE = "—", "exact", "measured once"
 def write_report(run: Run, path: Path) -> None:
     """Write the report of `run` to `path`: one self-contained file, written aside and renamed."""
     r = run.results
-    truth = run.true_efficiency
-    intervals = run_intervals(run.estimate, run.baseline, run.efficiency_map, truth, int(r["seed"] or 0))
+    intervals = run_intervals(run, int(r["seed"] or 0))
     facts = {
         "r": r,
         "answer": _answer(run),
@@ -87,6 +86,7 @@ def _comparison(run: Run) -> list[tuple[str, str, str, str]]:
 def _figures(r: Mapping[str, Any], intervals: RunIntervals) -> list[dict[str, str]]:
     o, m, w = r["observer"], r["map"], r["wall_s"]
     points = _times(intervals.map_rmse, 100)
+    fit = interval(_times(intervals.fit_rmse, 100), 2, "points")
 
     def row(name: str, value: str, of: str = NONE) -> dict[str, str]:
         return {"name": name, "value": value, "interval": of}
@@ -104,7 +104,7 @@ def _figures(r: Mapping[str, Any], intervals: RunIntervals) -> list[dict[str, st
         row("fuel burnt in valid cells", number(scaled(m["fuel_share"], 100), 0, "%"), EXACT),
         row("valid cells", number(m["cells"], 0, ""), EXACT),
         row(f"fit {m['fit'] or NONE}: R²", number(m["r2"], 3, "")),
-        row(f"fit {m['fit'] or NONE}: error against truth", number(scaled(m["fit_rmse"], 100), 2, "points")),
+        row(f"fit {m['fit'] or NONE}: error against truth", number(scaled(m["fit_rmse"], 100), 2, "points"), fit),
         row(
             "value at the found peak, found - true", number(scaled(m["peak_value_error"], 100), 2, "points", sign=True)
         ),

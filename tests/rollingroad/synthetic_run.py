@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pymap3d
 
 from controller.advice import Advice, RoadAhead
 from observer.efficiency_map import SPEED_STEP, TORQUE_STEP, EfficiencyMap
@@ -128,8 +129,10 @@ def sense(trip, rng):
     gps = np.zeros(len(rows), STREAMS["gps"])
     gps["t"] = trip.time[rows] + 0.1
     gps["order"] = np.arange(len(rows))
-    gps["latitude"] = trip.origin[0] + (trip.north[rows] + rng.normal(0, 2, len(rows))) / 111_200.0
-    gps["longitude"] = trip.origin[1] + (trip.east[rows] + rng.normal(0, 2, len(rows))) / 72_200.0
+    noise = rng.normal(0, 2, (2, len(rows)))
+    gps["latitude"], gps["longitude"], _ = pymap3d.enu2geodetic(
+        trip.east[rows] + noise[0], trip.north[rows] + noise[1], 0 * rows, *trip.origin
+    )
     gps["altitude"] = trip.altitude[rows] + rng.normal(0, 3, len(rows))
     gps["hdop"] = np.where(trip.sky[rows] == CANYON, 3.5, 1.1)
     gps["speed"] = trip.speed[rows]

@@ -120,12 +120,12 @@ def test_stops_survive_the_thinning_of_the_speed_curve(run):
 
 def test_interval_of_the_thrust_error_covers_a_known_noise(run):
     """GIVEN white noise of 50 N on the estimate, THEN the interval holds 50 N and is narrow, and repeats itself."""
-    found, truth = run.efficiency_map, run.true_efficiency
-    first, again = (run_intervals(run.estimate, run.baseline, found, truth, seed=4) for _ in range(2))
+    first, again = (run_intervals(run, seed=4) for _ in range(2))
     assert first == again
     assert first.thrust[0] < 50.0 < first.thrust[1]
     assert first.thrust[1] - first.thrust[0] < 10.0
     assert first.map_rmse[0] < 0.006 < first.map_rmse[1]
+    assert first.fit_rmse == pytest.approx((0.003, 0.003))  # the synthetic fit is off by 0.003 everywhere
 
 
 @needs_browser
