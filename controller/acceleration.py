@@ -79,7 +79,7 @@ def shoot(
     target: float,
     duration: float | None,
     *,
-    dt: float = 0.02,
+    dt: float = 0.05,
     case: str = "acceleration",
     certify: bool = True,
 ) -> Solution:

@@ -119,7 +119,7 @@ def time_optimal(angle: float, rate: float, low: float, high: float) -> TimeOpti
 def backward_arc(
     s: NDArray[np.float64], s_0: float, low: float, high: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """State at time to go `s` on the arc that ends with `high`, switched at `s_0` (G.21, corrected). low, high: gamma u."""
+    """State at time to go `s` on the arc that ends with `high`, switched at `s_0` (G.21, corrected)."""
     early = s <= s_0
     x1 = np.where(early, 0.5 * high * s**2, 0.5 * low * s**2 - (low - high) * s_0 * s + 0.5 * (low - high) * s_0**2)
     x2 = np.where(early, -high * s, -low * s + (low - high) * s_0)

@@ -139,29 +139,71 @@ def plan_route_in_time(
     Raises BadInput with the nearest feasible time when no time value gives it.
     """
     problem = _Problem.build(road, fuel_map, car, start_speed, end_speed, end_price, comfort, step, nodes, table)
-    low, high = 0.0, 20_000.0
+    rough = _Problem.build(
+        road, fuel_map, car, start_speed, end_speed, end_price, comfort, 3.0 * step, max(nodes // 2, 60), None
+    )
+    # a coarse grid finds the time value, the fine grid corrects it by what the two disagree about
+    known: dict[float, float] = {}
+    offset = 0.0
+    for _ in range(8):
+        value = _time_value(rough, trip_time - offset, start_gear, known, tolerance / 4.0)
+        planned = problem.plan(value, start_gear)
+        found = float(planned[0].seconds.sum())
+        if abs(found - trip_time) <= tolerance * trip_time:
+            return problem.advise(value, *planned, policy_step)
+        offset = found - _nearest(known, value)
+    value = _bisect(problem, trip_time, start_gear, tolerance)
+    return problem.solve(value, start_gear, policy_step)
+
+
+def _nearest(known: dict[float, float], value: float) -> float:
+    """Trip time at `value`, from the times known: interpolated in log of the time value."""
+    values = np.array(sorted(known))
+    return float(np.interp(np.log1p(value), np.log1p(values), [known[v] for v in values]))
+
+
+def _time_value(
+    problem: "_Problem", trip_time: float, start_gear: int | None, known: dict[float, float], tolerance: float
+) -> float:
+    """Time value at which `problem` takes about `trip_time` s; `known` (time value -> s) is used and filled."""
+    for value in (0.0, 20_000.0, 500_000.0):
+        if value not in known:
+            known[value] = problem.trip_time(value, start_gear)
+        if known[value] <= trip_time:
+            break
+    for round_ in range(14):
+        values = sorted(known)
+        slower = [v for v in values if known[v] > trip_time]
+        faster = [v for v in values if known[v] <= trip_time]
+        if not slower or not faster:
+            return faster[0] if faster else slower[-1]
+        low, high = slower[-1], faster[0]
+        share = (1.0 / trip_time - 1.0 / known[low]) / (1.0 / known[high] - 1.0 / known[low])
+        value = low + (0.5 if round_ % 3 == 2 else min(max(share, 0.05), 0.95)) * (high - low)
+        if min(known[low] - trip_time, trip_time - known[high]) <= tolerance * trip_time or high - low < 1e-5 * high:
+            return low + min(max(share, 0.0), 1.0) * (high - low)
+        known[value] = problem.trip_time(value, start_gear)
+    return value
+
+
+def _bisect(problem: "_Problem", trip_time: float, start_gear: int | None, tolerance: float) -> float:
+    """Time value found on the fine grid alone: slow and sure. Raises BadInput with the nearest feasible time."""
+    low, high = 0.0, 500_000.0
     slow, fast = problem.trip_time(low, start_gear), problem.trip_time(high, start_gear)
-    if fast > trip_time * (1.0 + tolerance):
-        high = 2.0e6
-        fast = problem.trip_time(high, start_gear)
     if not fast * (1.0 - tolerance) <= trip_time <= slow * (1.0 + tolerance):
         nearest = fast if trip_time < fast else slow
         raise BadInput("trip time", f"{trip_time:.1f} s", f"nearest feasible is {nearest:.1f} s")
     value, found = (low, slow) if abs(slow - trip_time) < abs(fast - trip_time) else (high, fast)
-    for round_ in range(40):
-        if abs(found - trip_time) <= tolerance * trip_time or high - low < 1e-6 * high:
+    for _ in range(50):
+        if abs(found - trip_time) <= tolerance * trip_time or high - low < 1e-7 * high:
             break
-        # time falls like a power of the time value: regula falsi on 1/time, kept inside, every third step halves
-        share = (1.0 / trip_time - 1.0 / slow) / (1.0 / fast - 1.0 / slow)
-        if round_ % 3 == 2:
-            share = 0.5
-        value = low + min(max(share, 0.02), 0.98) * (high - low)
+        value = 0.5 * (low + high)
         found = problem.trip_time(value, start_gear)
         if found > trip_time:
-            low, slow = value, found
+            low = value
         else:
-            high, fast = value, found
-    return problem.solve(value, start_gear, policy_step)
+            high = value
+    return value
 
 
 @dataclass(frozen=True)
@@ -292,8 +334,11 @@ class _Problem:
         """Sweep, follow, and tabulate the policy."""
         if not (np.isfinite(time_value) and time_value >= 0.0):
             raise BadInput("time value", f"{time_value} J/s", "finite and not negative")
+        return self.advise(time_value, *self.plan(time_value, start_gear), policy_step)
+
+    def advise(self, time_value: float, found: "_Path", value: NDArray[np.float64], policy_step: float) -> Advice:
+        """The advice that a plan and its value function make."""
         stages, table, car = self.stages, self.table, self.car
-        found, value = self.plan(time_value, start_gear)
         path, chosen = found.energy, found.gear
         speed = np.sqrt(2.0 * path)
 

@@ -113,7 +113,11 @@ def sweep(
                     r = row_of[j]
                     force = mass[g] * accelerations[j] + road[j]
                     x = (force - low[g, r]) * per_force[g, r]
-                    if x < 0.0 or x > levels - 1 or high[g, r] < 0.0:
+                    if force > high[g, r]:
+                        if high[g, r] > 0.0:
+                            break  # more speed asks for yet more force: full load is behind us
+                        continue
+                    if x < 0.0 or x > levels - 1:
                         continue
                     q = min(int(x), levels - 2)
                     f = fuel[g, r, q]

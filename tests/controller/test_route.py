@@ -117,3 +117,17 @@ def test_bad_input_names_the_nearest_feasible(smart, willans):
     crossing = RoadAhead(road.s, road.pitch, road.speed_max, road.speed_max + 1.0)
     with pytest.raises(BadInput, match="speed_min"):
         plan_route(crossing, willans, smart, start_speed=0.0, end_speed=None, time_value=1e4)
+
+
+def test_the_compiled_sweep_equals_the_readable_one(smart, willans):
+    from controller import route_kernel, route_reference
+    from controller.route import _Problem
+
+    problem = _Problem.build(hilly(1200), willans, smart, 5.0, 12.0, None, None, 20.0, 90, None)
+    fast = problem.value_function(9_000.0)
+    slow = np.full_like(fast, route_kernel.BIG)
+    slow[-1] = fast[-1]
+    route_reference.sweep(*problem.arguments(9_000.0, slow))
+    known = (fast < route_kernel.IMPOSSIBLE) & (slow < route_kernel.IMPOSSIBLE)
+    assert np.array_equal(fast < route_kernel.IMPOSSIBLE, slow < route_kernel.IMPOSSIBLE)
+    assert fast[known] == pytest.approx(slow[known], rel=1e-10)

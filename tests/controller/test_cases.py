@@ -1,0 +1,129 @@
+"""Every case is solved by every method, and they agree; ERRATA's computed values are reproduced."""
+
+import json
+
+import numpy as np
+import pytest
+
+from controller.cases import CASES, solve
+from controller.controller_model import RPM, THESIS, THESIS_CVT, model_of
+from vehicle_model.car.errors import BadInput
+
+AGREEING = ("cvt-free", "cvt-corner", "six-speed-free", "six-speed-fixed", "ball-and-wheel", "route", "lqr")
+"""Cases with one optimum: three methods within half a percent."""
+
+
+@pytest.fixture(scope="module")
+def solved():
+    answers = {}
+
+    def get(case):
+        if case not in answers:
+            answers[case] = {s.method: s for s in solve(case)}
+        return answers[case]
+
+    return get
+
+
+@pytest.mark.parametrize("case", AGREEING)
+def test_three_methods_agree(solved, case):
+    costs = [s.cost for s in solved(case).values()]
+    assert [s.certificate.refused for s in solved(case).values()] == [None] * 3
+    assert max(costs) / min(costs) - 1.0 < 0.005
+
+
+def test_cvt_figures(solved):
+    """0 - 100 km/h in 10.15 s, H = 0 throughout."""
+    answer = solved("cvt-free")["indirect"]
+    assert answer.duration == pytest.approx(10.15, rel=2e-3)
+    assert answer.certificate.hamiltonian_drift < 1e-7
+
+
+def test_cvt_reaches_180_kmh_in_about_a_minute():
+    from controller.acceleration import shoot
+
+    assert shoot(THESIS_CVT, 1.0, 50.0, None).duration == pytest.approx(64.6, rel=2e-3)
+
+
+def test_six_speed_free_figures(solved):
+    """8.90 s, 989.23 kJ, shifts at 4541, 4486, 4525 and 4980 rpm."""
+    answer = solved("six-speed-free")["indirect"]
+    assert answer.duration == pytest.approx(8.90, rel=2e-3)
+    assert answer.cost == pytest.approx(989.23e3, rel=2e-3)
+    rpm = [s.engine_speed / RPM for s in answer.shifts]
+    assert rpm == pytest.approx([4541, 4486, 4525, 4980], rel=2e-3)
+    assert [(s.before, s.after) for s in answer.shifts] == [(1, 2), (2, 3), (3, 4), (4, 5)]
+
+
+def test_six_speed_takes_9_3_s_with_94_newton_metres():
+    from dataclasses import replace
+
+    from controller.acceleration import shoot
+
+    weaker = replace(THESIS, torque=(5.0, 94.0))
+    assert shoot(weaker, 10.0, 100 / 3.6, None).duration == pytest.approx(9.3, rel=5e-3)
+
+
+def test_six_speed_fixed_figures(solved):
+    """Coast 7.58 s in sixth (the *lowest* ratio, not the highest), then gears 1 to 5; 2753.3 kJ."""
+    answer = solved("six-speed-fixed")["indirect"]
+    assert answer.cost == pytest.approx(2753.3e3, rel=2e-3)
+    assert (answer.shifts[0].before, answer.shifts[0].after) == (6, 1)
+    assert answer.shifts[0].time == pytest.approx(7.58, rel=2e-3)
+    assert [s.after for s in answer.shifts] == [1, 2, 3, 4, 5]
+    assert answer.state[-1, 0] == pytest.approx(140 / 3.6, rel=1e-9)
+
+
+def test_costates_of_indirect_and_direct_have_one_sign_and_unit(solved):
+    for case in ("six-speed-free", "six-speed-fixed", "cvt-free"):
+        shot, programmed = solved(case)["indirect"], solved(case)["direct"]
+        t = 0.8 * shot.duration
+        known = ~np.isnan(programmed.costate[:, 0])
+        expected = np.interp(t, shot.time, shot.costate[:, 0])
+        assert np.interp(t, programmed.time[known], programmed.costate[known, 0]) == pytest.approx(expected, rel=0.01)
+    hill = solved("route")
+    middle = [np.interp(2000.0, s.state[:, 0], s.costate[:, 1]) for s in hill.values()]
+    assert middle == pytest.approx([middle[0]] * 3, rel=0.02)
+
+
+def test_the_corner_of_least_power_is_refused_where_pulse_and_glide_beats_it(solved):
+    answers = solved("cvt-distance")
+    refused = answers["indirect"]
+    assert "does not maximise H" in refused.certificate.refused
+    assert refused.row()["J"] is None
+    assert refused.row()["time_s"] is None
+    # ERRATA's 28.8 % is over a finite number of pulses; dp gives the infimum, pulses ever faster
+    assert 1.24 < refused.cost / answers["dp"].cost < 1.34
+    assert answers["dp"].certificate.hull_gain > 0.1
+
+
+def test_soft_driver_printed_and_fair_comparison_differ_as_computed():
+    optimal, soft, fair = solve("soft-vs-pontryagin")
+    assert optimal.cost == pytest.approx(878e3, rel=2e-3)
+    assert 27.0 <= soft.notes["printed_percent"] <= 55.0
+    assert 3.3 <= fair.notes["fair_percent"] <= 6.7
+    assert fair.distance == pytest.approx(soft.distance)
+
+
+def test_rows_are_json_and_carry_the_contract(solved):
+    for solution in solved("six-speed-fixed").values():
+        row = json.loads(json.dumps(solution.row(), allow_nan=False))
+        assert {"method", "J", "time_s", "distance_m", "shifts", "wall_s", "certificate"} <= set(row)
+        assert {"from", "to", "speed", "engine_speed", "time_s"} == set(row["shifts"][0])
+        assert {"hamiltonian_drift", "maximum_gap", "refused"} <= set(row["certificate"])
+
+
+def test_another_car_is_solved_with_its_own_parameters(smart):
+    (answer,) = solve("six-speed-free", ("indirect",), smart)
+    assert answer.certificate.refused is None
+    assert answer.cost > 989.23e3  # C_rr of the file is 0.0125, not the table's 0.010
+    model = model_of(smart)
+    assert model.fuel_power(300.0, 50.0) == pytest.approx(THESIS.fuel_power(300.0, 50.0))
+
+
+def test_unknown_names_are_told():
+    with pytest.raises(BadInput, match="six-speed-free"):
+        solve("five-speed")
+    with pytest.raises(BadInput, match="indirect, direct, dp"):
+        solve("lqr", ("magic",))
+    assert all(solver.__doc__ for solver in CASES.values())
