@@ -52,9 +52,9 @@ def frames(trip: Trip, car: Car, seed: int = 0) -> Iterator[can.Message]:
     names = np.repeat([name for _, name in parts], [t.size for t, _ in parts])
     order = np.argsort(times, kind="stable")
     times, names = times[order], names[order]
-    at = {key: np.interp(times, trip.time, trip.channels[key]) for key in
-          ("speed", "wheel_angle", "engine_speed", "fuel_power", "throttle", "gear", "coolant_temperature", "straightness",
-           "brake_force") if key in trip.channels}  # fmt: skip
+    wanted = ["speed", "engine_speed", "fuel_power", "throttle", "gear", "coolant_temperature", "straightness"]
+    wanted += ["brake_force"]
+    at = {key: np.interp(times, trip.time, trip.channels[key]) for key in wanted if key in trip.channels}
     driven = np.interp(times, trip.time, np.gradient(trip.wheel_angle, trip.time)) * car.wheel_radius
     volume = at["fuel_power"] / (car.fuel.density * car.fuel.heating_value) * 3.6e6
     gear, throttle = at.get("gear", np.zeros(times.size)), at.get("throttle", np.zeros(times.size))
@@ -76,7 +76,8 @@ def frames(trip: Trip, car: Car, seed: int = 0) -> Iterator[can.Message]:
             "EngineSpeed": {"EngineSpeedFine": rpm, "GearFine": gear[i]},
             "Motor": {
                 "FuelConsumption": min(volume[i], 25.5), "EngineSpeedLow": min(rpm, 8160.0),
-                "GasPedalFiltered": 43.0 * throttle[i], "GasPedal": 253.0 * throttle[i], "Brake": brake[i], "Turbo": 0.0,
+                "GasPedalFiltered": 43.0 * throttle[i], "GasPedal": 253.0 * throttle[i],
+                "Brake": brake[i], "Turbo": 0.0,
             },
         }[name]  # fmt: skip
         data = messages[name].encode({key: float(value) for key, value in signals.items()}, strict=False)

@@ -37,9 +37,11 @@ def measure(trip: Trip, car: Car, settings: BoxSettings, seed: int) -> NDArray:
     opening = energy / (all injectors' power), width = opening - lag (the car file's, negative) + dead time.
     """
     rng = generator(seed, "sensors.injector")
-    interval = CYCLE / pulses_per_cycle(car.injector.pattern, car.engine.cylinders)
+    per_cycle = pulses_per_cycle(car.injector.pattern, car.engine.cylinders)
     angle = np.maximum.accumulate(trip.engine_angle)
-    edges = np.arange(angle[0] + rng.uniform(0.0, interval), angle[-1], interval)
+    edges = np.arange(angle[0] + rng.uniform(0.0, CYCLE / per_cycle), angle[-1], CYCLE / per_cycle)
+    if settings.injector_simultaneous_above > 0.0 and edges.size:
+        edges = _switched(edges, per_cycle, car.engine.cylinders, angle, trip, settings.injector_simultaneous_above)
     if edges.size < 2:
         return np.zeros(0, dtype=READING)
     t = np.interp(edges, angle, trip.time)
@@ -55,3 +57,11 @@ def measure(trip: Trip, car: Car, settings: BoxSettings, seed: int) -> NDArray:
     out["t"] = t
     out["width"] = np.maximum(opening - car.injector.lag + dead, 0.0)
     return out
+
+
+def _switched(edges, per_cycle: int, cylinders: int, angle, trip: Trip, above: float) -> NDArray[np.float64]:
+    """Pulses of an engine that fires all injectors together above a speed: more of them, each for less turning."""
+    fast = np.interp(np.interp(edges, angle, trip.time), trip.time, trip.engine_speed) > above
+    interval, finer = CYCLE / per_cycle, CYCLE / cylinders
+    extra = (edges[fast][:, None] + finer * np.arange(1, round(interval / finer))[None, :]).reshape(-1)
+    return np.sort(np.concatenate((edges, extra[extra < angle[-1]])))

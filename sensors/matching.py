@@ -29,8 +29,8 @@ OBSERVATION = np.dtype(
     ]
 )
 """At the passage of a node: logger time s; DEM_psi rad; DEM_alt m (NaN where the map has none); S_j rad/m; each with
-its deviation; the node's place in the map's plane, m about `RoadMap.origin`; the link of `RoadMap.roads`; and the place in
-the log of the packet at whose arrival it was known (in `Matcher.update_*` the number of the call)."""
+its deviation; the node's place in the map's plane, m about `RoadMap.origin`; the link of `RoadMap.roads`; and the
+place in the log of the packet at whose arrival it was known (in `Matcher.update_*` the number of the call)."""
 
 RECEIVER_LAG = 0.2
 """s, assumed of the receiver's own filter."""

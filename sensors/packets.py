@@ -241,6 +241,17 @@ def decode(data: bytes | NDArray[np.uint8], name: str = "") -> SensorLog:
     return SensorLog(empty | streams, dict(decoder.damage), name)
 
 
+def nmea_text(data: bytes | NDArray[np.uint8]) -> bytes:
+    """Return the receiver's text as it stands in the GPS packets of a whole log, joined (C.1.3, gps.txt)."""
+    buffer = np.frombuffer(data, dtype=np.uint8) if not isinstance(data, np.ndarray) else data
+    starts = np.empty(buffer.size // 5 + 1, dtype=np.int64)
+    count, _, _, _ = kernels.scan(buffer, True, True, 0, starts, np.zeros(kernels.COUNTERS, np.int64))
+    chosen = np.flatnonzero(buffer[starts[:count] + 1] == GPS)
+    text = np.empty(254 * chosen.size, dtype=np.uint8)
+    length = kernels.gather_text(buffer, starts, chosen, text, np.empty(chosen.size, dtype=np.int64))
+    return text[:length].tobytes()
+
+
 def read_log(path: Path) -> SensorLog:
     """Read the card's file `path`. Raises BadInput where it is missing, unreadable or holds not one packet."""
     try:

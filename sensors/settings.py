@@ -111,6 +111,9 @@ class BoxSettings:
     injector_fouling: float = 0.0
     """Share of the flow lost: the trims open longer for the same fuel."""
 
+    injector_simultaneous_above: float = 0.0
+    """rad/s of engine speed above which all injectors fire together (2.3.4.1, note 8); 0: never."""
+
     clock_rate_error: float = 10e-6
     """Relative, one deviation of the box's own rate."""
     clock_skew: float = 0.0

@@ -64,8 +64,8 @@ def test_the_car_files_mounting_brings_the_reading_back_into_body_axes(trip):
 def test_accelerometer_noise_grows_with_speed_and_is_larger_upwards(trip, car):
     settings = dataclasses.replace(BoxSettings(), accelerometer_vibration=0.0)
     quiet = accelerometer.measure(trip, car, QUIET, clock.Clock(0.0), 0)
-    noisy = accelerometer.measure(trip, car, dataclasses.replace(settings, body_squat=0.0, accelerometer_mount_error=0.0),
-                                  clock.Clock(0.0), 0)  # fmt: skip
+    level = dataclasses.replace(settings, body_squat=0.0, accelerometer_mount_error=0.0)
+    noisy = accelerometer.measure(trip, car, level, clock.Clock(0.0), 0)
     v = np.interp(quiet["t"], trip.time, trip.speed)
     for axis, base, slope in (("x", 0.10, 0.004), ("y", 0.10, 0.004), ("z", 0.30, 0.02)):
         residual = noisy[axis] - quiet[axis]

@@ -125,7 +125,8 @@ def test_a_fix_without_any_date_is_counted_and_not_dated_by_guess():
 
 @pytest.mark.parametrize(
     "body",
-    ["GPGGA,093000.00,4936.7,N,00607.8,E,1,8,1.1,300.3,M,47.0,M,,,extra", "GPGGA,093000.00,4936.7,N,00607.8,E,1,8,abc,1,M,,M,,",
+    ["GPGGA,093000.00,4936.7,N,00607.8,E,1,8,1.1,300.3,M,47.0,M,,,extra",
+     "GPGGA,093000.00,4936.7,N,00607.8,E,1,8,abc,1,M,,M,,",
      "GPRMC,093000,A,4936.7,N,00607.8,E,,,271009,,", "GPRMC,x", "GPGGA", "GPGSV,1,1,01,02,03,04,05"],
 )  # fmt: skip
 def test_odd_sentences_never_crash(body):

@@ -1,6 +1,7 @@
 """The road map: its files, and matching a drive to it."""
 
 import struct
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -92,8 +93,10 @@ def test_a_fork_in_the_tunnel_is_ambiguous_until_a_fix_decides():
     direction = np.interp(s_of_node[fork], route.s, route.heading) + 0.15
     reach = np.arange(50.0, 1500.0, 50.0)
     branch = to_geodetic(north[fork] + reach * np.cos(direction), east[fork] + reach * np.sin(direction), route.origin)
-    ways = [(road.way_nodes[a:b], road.elevation[c:d]) for a, b, c, d in zip(
-        road.way_start[:-1], road.way_start[1:], road.elevation_start[:-1], road.elevation_start[1:], strict=True)]  # fmt: skip
+    ways = [
+        (road.way_nodes[slice(*nodes)], road.elevation[slice(*heights)])
+        for nodes, heights in zip(pairwise(road.way_start), pairwise(road.elevation_start), strict=True)
+    ]
     extra = np.arange(road.latitude.size, road.latitude.size + reach.size)
     ways.append((np.concatenate(([fork], extra)), np.full(30, 500.0)))
     forked = join(ways, np.concatenate((road.latitude, branch[0])), np.concatenate((road.longitude, branch[1])))
@@ -220,7 +223,8 @@ def test_sumo_network_in_a_local_transverse_mercator(tmp_path):
     path.write_text(
         '<net><location netOffset="0.00,0.00" projParameter="+proj=tmerc +lat_0=49.6 +lon_0=6.1 +k=1 +ellps=WGS84"/>'
         '<edge id="a" from="p" to="q" shape="0,0,100 0,500,110"><lane id="a_0" index="0" shape="3,0 3,500"/></edge>'
-        '<edge id="-a" from="q" to="p" shape="0,500,110 0,0,100"><lane id="b_0" index="0" shape="-3,500 -3,0"/></edge></net>'
+        '<edge id="-a" from="q" to="p" shape="0,500,110 0,0,100"><lane id="b_0" index="0" shape="-3,500 -3,0"/></edge>'
+        "</net>"
     )
     road = read_road(path)
     assert road.ways == 1
