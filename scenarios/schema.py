@@ -48,9 +48,6 @@ class Traffic(_Part):
     corridor: float = Field(
         3.0, ge=0.0, le=50.0, description="how much more likely a journey is for each share of the ego's route in it"
     )
-    signals: Literal["as designed", "uncoordinated"] = Field(
-        "as designed", description="uncoordinated: offsets drawn from the seed"
-    )
 
 
 class Driver(_Part):

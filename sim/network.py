@@ -100,7 +100,7 @@ def _built_in(scenario: Scenario, directory: Path) -> Network:
     )
     offsets = "".join(
         f'  <tlLogic id="{junction}" programID="0" offset="{seconds}"/>\n'
-        for junction, seconds in signals["offsets"].items()
+        for junction, seconds in section.get("offsets", signals["offsets"]).items()
     )
     additional = directory / "signals.add.xml"
     additional.write_text(f"<additional>\n{offsets}</additional>\n")
