@@ -266,7 +266,7 @@ CAMRY = Path(__file__).parents[3] / "shared" / "data" / "fastsim_dyno"
 @pytest.mark.skipif(not CAMRY.is_dir(), reason="measured dynamometer logs are not at ../shared/data/fastsim_dyno")
 @pytest.mark.parametrize(("log", "tolerance"), [("61811012", 0.04), ("61811013", 0.04), ("61811014", 0.09)])
 def test_the_camry_burns_what_was_measured(log, tolerance):
-    """Given the speed traces of Argonne's hot UDDS, HWFET and US06, then the shipped car burns as much within some %."""
+    """Given the traces of Argonne's hot UDDS, HWFET and US06, then the shipped car burns as much within some %."""
     car = read_car("camry_2018")
     table = np.genfromtxt(CAMRY / f"{log}.csv", delimiter=",", names=True)
     names = table.dtype.names
