@@ -74,8 +74,8 @@ class EfficiencyMap:
     standard_error: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 0)))
     """One standard deviation of `mean` as an estimate of the truth (observer's covariance, scatter between visits and
     what all samples of a trip share); empty if unknown."""
-    common_error: float = 0.0
-    """Relative, of the torque: the part of `standard_error` that all cells share, however often they are visited."""
+    common_error: tuple[float, float] = (0.0, 0.0)
+    """N m, and relative, of the torque: the part of `standard_error` that all cells share, however often visited."""
     limits: Limits = field(default_factory=Limits)
     trips: int = 1
 

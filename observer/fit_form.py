@@ -35,6 +35,14 @@ class Fit(ABC):
         slope = (self.fuel_power(omega, torque + 1.0) - self.fuel_power(omega, torque - 1.0)) / 2.0
         return torque * slope / self.fuel_power(omega, torque)
 
+    def shared_error(
+        self, engine_speed: ArrayLike, torque: ArrayLike, common_error: tuple[float, float]
+    ) -> NDArray[np.float64]:
+        """Relative error of eta that an error of the torque (N m, and relative) makes everywhere at once."""
+        torque = np.asarray(torque, float)
+        relative = np.hypot(common_error[0] / np.maximum(torque, 1.0), common_error[1])
+        return relative * self.steepness(engine_speed, torque)
+
 
 @dataclass(frozen=True)
 class Cells:
@@ -44,8 +52,8 @@ class Cells:
     torque: NDArray[np.float64]
     efficiency: NDArray[np.float64]
     standard_error: NDArray[np.float64]
-    common_error: float = 0.0
-    """Relative, of the torque: the part of `standard_error` that the cells share."""
+    common_error: tuple[float, float] = (0.0, 0.0)
+    """N m, and relative, of the torque: the part of `standard_error` that the cells share."""
 
     @property
     def fuel_power(self) -> NDArray[np.float64]:

@@ -23,6 +23,8 @@ ORDERS = (3, 3, 2)
 """Degree in omega of a, b and c."""
 PRIOR_INNER_EFFICIENCY, PRIOR_FRICTION = 0.36, 1.6e5
 """Where nothing was seen: marginal efficiency, and friction mean pressure in Pa (ordinary spark-ignition engines)."""
+SEARCH_CELLS = 350
+"""Cells that the search for the kernel's length scales and amplitude looks at."""
 PRIOR_WEIGHT = 0.15
 """How hard the prior pulls: 1 would equal a cell known to a standard error of 0.005."""
 
@@ -61,8 +63,8 @@ class KernelFit(Fit):
     factor: NDArray[np.float64]
     """Lower Cholesky factor of the data's covariance, (k, k)."""
     weights: NDArray[np.float64]
-    common_error: float
-    """Relative, of the torque: shared by all data."""
+    common_error: tuple[float, float]
+    """N m, and relative, of the torque: shared by all data."""
     r2: float
     r2_efficiency: float
 
@@ -79,7 +81,7 @@ class KernelFit(Fit):
         cross = _kernel(where, self.points, self.amplitude)
         inner = solve_triangular(self.factor, cross.T, lower=True)
         variance = np.maximum(self.amplitude**2 - np.sum(inner**2, axis=0), 0.0).reshape(omega.shape)
-        shared = self.common_error * self.base.steepness(omega, torque)
+        shared = self.base.shared_error(omega, torque, self.common_error)
         return self.efficiency(omega, torque) * np.sqrt(variance + shared**2)
 
 
@@ -114,22 +116,29 @@ def fit_kernel(base: WillansFit, cells: Cells) -> KernelFit:
     """A Gaussian process on log(P_in / base); length scales and amplitude by maximum marginal likelihood (a grid)."""
     places = np.stack([cells.engine_speed, cells.torque], axis=1)
     residual = np.log(cells.fuel_power / base.fuel_power(cells.engine_speed, cells.torque))
-    shared = cells.common_error * base.steepness(cells.engine_speed, cells.torque)
+    shared = base.shared_error(cells.engine_speed, cells.torque, cells.common_error)
     noise = np.maximum((cells.standard_error / cells.efficiency) ** 2 - shared**2, 3e-3**2)
-    best: tuple[float, NDArray, float, NDArray, NDArray] | None = None
+    # length scales and amplitude by the marginal likelihood of an even subset, then one factor of everything
+    some = np.linspace(0, len(residual) - 1, min(len(residual), SEARCH_CELLS)).astype(int)
+    best: tuple[float, NDArray, float] | None = None
     for rpm, share, amplitude in product((400.0, 900.0), (0.12, 0.3), (0.01, 0.03)):
         lengths = np.array([rpm * np.pi / 30.0, share * base.torque_scale])
-        covariance = _kernel(places / lengths, places / lengths, amplitude) + np.diag(noise)
-        factor = cho_factor(covariance, lower=True)
-        weights = cho_solve(factor, residual)
-        likelihood = -0.5 * float(residual @ weights) - float(np.log(np.diag(factor[0])).sum())
+        factor, weights = _solve(places[some] / lengths, residual[some], noise[some], amplitude)
+        likelihood = -0.5 * float(residual[some] @ weights) - float(np.log(np.diag(factor)).sum())
         if best is None or likelihood > best[0]:
-            best = (likelihood, lengths, amplitude, np.tril(factor[0]), weights)
+            best = (likelihood, lengths, amplitude)
     assert best is not None
-    _, lengths, amplitude, lower, weights = best
+    _, lengths, amplitude = best
+    lower, weights = _solve(places / lengths, residual, noise, amplitude)
     fit = KernelFit("P_in willans+kernel", base, places / lengths, lengths, amplitude, noise, lower, weights,
                     cells.common_error, 0.0, 0.0)  # fmt: skip
     return replace(fit, **_scores(fit, cells))
+
+
+def _solve(places: NDArray, residual: NDArray, noise: NDArray, amplitude: float) -> tuple[NDArray, NDArray]:
+    """Lower Cholesky factor of the data's covariance, and the weights of the mean."""
+    factor = cho_factor(_kernel(places, places, amplitude) + np.diag(noise), lower=True)
+    return np.tril(factor[0]), cho_solve(factor, residual)
 
 
 def _scores(fit: Fit, cells: Cells) -> dict[str, float]:

@@ -16,23 +16,24 @@ from observer.envelope import declared_torque, default_overrun, observed_limits
 from observer.estimate import Estimate
 from observer.fit_form import Fit, valid_cells
 from observer.fit_willans import fit_willans
-from observer.operating_points import TORQUE_FLOOR, OperatingPoints, operating_points
+from observer.operating_points import TORQUE_FLOOR, OperatingPoints, gear_ratios, operating_points
 from vehicle_model.car.errors import BadInput
 from vehicle_model.car.parameters import Car
 
 MIN_SECONDS, MIN_VISITS, MAX_DEVIATION = 0.5, 2, 0.05
 """The validity rule of DESIGN.md."""
-CORRELATION_TIME = 0.5
+CORRELATION_TIME = 1.0
 """s over which the errors of the estimate stay alike: a stay of d seconds counts as 1 + d / this samples."""
 VISIT_SCATTER = 0.006
 """Efficiency: what a stay is off by however long it lasts (grade, wind, warmth, transients); a prior, replaced by what
 the scatter between stays shows once there are enough of them."""
 LEAST_TORQUE = -3.0
 """N m: where a sample's own torque is cut off before it enters a fit."""
-TRIP_SCATTER = 0.006
-"""Relative, of the torque: what all samples of a trip are off by together (payload, wind, warmth)."""
-COMMON_SCATTER = 0.008
-"""Relative, of the torque: what no further trip takes away (mass, drag, squat, fuel scale inside the tolerances)."""
+TRIP_SCATTER, COMMON_SCATTER = 0.006, 0.008
+"""Relative, of the torque: what all samples of a trip are off by together (payload, warmth), and what no further trip
+takes away (mass, squat, fuel scale inside the tolerances)."""
+CRUISE = 25.0
+"""m/s at which the tolerances of the road load are turned into an error of the torque in top gear."""
 
 
 def map_engine(estimates: Sequence[Estimate], car: Car, *, smoothed: bool = True) -> EfficiencyMap:
@@ -56,9 +57,28 @@ def map_engine(estimates: Sequence[Estimate], car: Car, *, smoothed: bool = True
     found = _grid(_stays(trips, allocated, columns, rows, tangent), columns, rows, fuel_total, limits, len(trips))
     # a relative error of the torque moves eta at a given torque by the slope of the Willans line only
     omega, torque = np.meshgrid(found.engine_speed, found.torque, indexing="ij")
-    common = float(np.hypot(COMMON_SCATTER, TRIP_SCATTER / np.sqrt(max(len(trips), 1))))
-    error = np.hypot(found.standard_error, found.mean * common * tangent.steepness(omega, torque))
+    common = shared_torque_error(car, len(trips))
+    error = np.hypot(found.standard_error, found.mean * tangent.shared_error(omega, torque, common))
     return replace(found, standard_error=error, common_error=common)
+
+
+def shared_torque_error(car: Car, trips: int) -> tuple[float, float]:
+    """Standard deviation of the torque's error that all cells share: N m, and relative.
+
+    The first is the road load inside the car's declared tolerances (limits, hence / sqrt(3)): rolling resistance, drag,
+    air density and wind at `CRUISE`, turned into torque by the top gear.
+    """
+    limits = car.tolerances
+    drag = 0.5 * car.air_density * car.drag_area * CRUISE**2
+    parts = (
+        limits.rolling_resistance * car.rolling_resistance * car.mass * car.gravity,
+        drag * limits.drag_area,
+        drag * limits.air_density,
+        drag * 2.0 * limits.wind / CRUISE,
+    )
+    force = float(np.linalg.norm(parts)) / np.sqrt(3.0)
+    relative = float(np.hypot(COMMON_SCATTER, TRIP_SCATTER / np.sqrt(max(trips, 1))))
+    return float(force / gear_ratios(car).min()), relative
 
 
 def _fuel_burnt(estimate: Estimate, *, smoothed: bool) -> float:
@@ -289,7 +309,7 @@ def read(folder: Path) -> EfficiencyMap:
         ) from None
     except (KeyError, ValueError, TypeError, pa.ArrowException) as error:
         raise BadInput(folder, "map.json, map.parquet", f"a map as `write` writes it expected ({error})") from None
-    totals = {"fuel_total": head["fuel_total_J"], "trips": head["trips"], "common_error": head["common_error"]}
+    totals = {"fuel_total": head["fuel_total_J"], "trips": head["trips"], "common_error": tuple(head["common_error"])}
     return EfficiencyMap(omega, torque, limits=limits, **totals, **tables)
 
 

@@ -40,8 +40,9 @@ def true_efficiency(omega, torque):
     return omega * torque / true_power(omega, torque)
 
 
-def drive(seed, seconds=1200.0, thrust_noise=15.0, fuel_noise=0.004, trip_error=0.0):
-    """One Estimate; the first 20 s stand at idle. `thrust_noise` N over 0.3 s, `trip_error` relative in thrust."""
+def drive(seed, seconds=1200.0, thrust_noise=15.0, fuel_noise=0.004, trip_error=0.0, offset=0.0):
+    """One Estimate; the first 20 s stand at idle. `thrust_noise` N over 0.3 s, `trip_error` relative in thrust,
+    `offset` N."""
     rng = np.random.default_rng(seed)
     step, n = 0.1, int(seconds / 0.1)
     wish = gaussian_filter1d(rng.normal(size=n), 40) * np.sqrt(40 * 3.54) * 40.0 + 20.0
@@ -85,7 +86,7 @@ def drive(seed, seconds=1200.0, thrust_noise=15.0, fuel_noise=0.004, trip_error=
     noise *= thrust_noise / noise.std()
     noisy = rows.copy()
     thrust, fuel = STATES.index("thrust"), STATES.index("fuel_power")
-    noisy[:, thrust] = rows[:, thrust] * (1.0 + trip_error) + noise
+    noisy[:, thrust] = rows[:, thrust] * (1.0 + trip_error) + offset + noise
     noisy[:, fuel] *= 1.0 + fuel_noise * rng.normal(size=n)
     variance = np.full((n, len(STATES)), 1e-6)
     variance[:, thrust] = thrust_noise**2

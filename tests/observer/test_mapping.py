@@ -8,7 +8,7 @@ from synthetic_drive import CAR, FULL_LOAD, IDLE_POWER, OVERRUN, RPM, drive, tru
 
 from observer.estimate import STATES
 from observer.fits import default_fit, fit_all
-from observer.mapping import centres, fit_error, fuel_map, map_engine, map_error, read, write
+from observer.mapping import centres, fit_error, fuel_map, map_engine, map_error, read, shared_torque_error, write
 from observer.operating_points import operating_points
 from vehicle_model.car.errors import BadInput
 
@@ -102,9 +102,20 @@ def test_the_engines_inertia_is_added_to_the_thrusts_torque():
     )
 
 
-def test_standard_errors_cover_the_truth(merged):
-    error = (merged.mean[merged.valid] - true_efficiency(*centres(merged))) / merged.standard_error[merged.valid]
-    assert 0.85 <= np.mean(np.abs(error) < 1.645) <= 0.95
+def test_intervals_cover_the_truth():
+    """Given cars that differ from their file as the tolerances say, each seen in one trip: 90 % intervals cover it."""
+    rng, inside, inside_fit = np.random.default_rng(5), [], []
+    for seed in range(8):
+        absolute, relative = shared_torque_error(CAR, 1)
+        force = absolute * min(CAR.gear_ratios) / CAR.wheel_radius
+        seen = drive(seed, seconds=500.0, trip_error=relative * rng.normal(), offset=force * rng.normal())
+        found = map_engine([seen], CAR)
+        truth = true_efficiency(*centres(found))
+        inside.append(np.abs(found.mean[found.valid] - truth) < 1.645 * found.standard_error[found.valid])
+        fit = default_fit(fit_all(found, CAR))
+        inside_fit.append(np.abs(fit.efficiency(*centres(found)) - truth) < 1.645 * fit.deviation(*centres(found)))
+    assert 0.80 <= np.mean(np.concatenate(inside)) <= 0.98
+    assert 0.75 <= np.mean(np.concatenate(inside_fit)) <= 0.99
 
 
 def test_a_copied_trip_adds_less_certainty_than_a_new_one_of_its_length(drives):
