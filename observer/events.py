@@ -202,7 +202,7 @@ def fuel_steps(rows: NDArray[np.float64], opening_lag: float, power: float, cut_
     ):
         block = np.zeros((int(np.count_nonzero(chosen)), COLUMNS))
         block[:, 0], block[:, 1] = at[chosen], STEP
-        block[:, 2], block[:, 3] = size[chosen] ** 2, falls[chosen]
+        block[:, 2], block[:, 3] = size[chosen], falls[chosen]
         blocks.append(block)
     return np.concatenate(blocks)
 

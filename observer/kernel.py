@@ -874,8 +874,8 @@ def on_injector(event, t, f):
     if resumed:
         change = told
     if not saturated and mem[M_HINDSIGHT] == 0.0:
-        thrust = s[S_THRUST_GAIN] * change / max(x[1], 3.0)
-        mem[M_RESERVOIR] += thrust * thrust
+        thrust = change / max(x[1], 3.0)
+        mem[M_RESERVOIR] += (s[S_THRUST_GAIN] * thrust) ** 2
         r_power = (s[S_PULSE_POWER] * told) ** 2 + 1e4
         slope = energy / p[P_PULSE_ANGLE]
         expected = P[11, 11] - 2.0 * slope * P[11, 13] + slope * slope * P[13, 13] + r_power
@@ -1034,10 +1034,11 @@ def on_fuel(event, f):
 
 @njit
 def on_step(event, f):
-    """In hindsight only: here the fuel power changed; `event[2]` W2 is the change squared, `event[3]`: it fell to 0."""
-    f.P[11, 11] += event[2]
-    gain = f.settings[S_THRUST_GAIN_HINDSIGHT] / max(f.x[1], 3.0)
-    f.P[2, 2] += gain * gain * event[2]
+    """In hindsight only: here the fuel power changed by `event[2]` W; `event[3]`: it fell to 0."""
+    change = event[2]
+    f.P[11, 11] += change * change
+    thrust = change / max(f.x[1], 3.0)
+    f.P[2, 2] += (f.settings[S_THRUST_GAIN_HINDSIGHT] * thrust) ** 2
     if event[3] > 0.0:
         fuse(CUT_OFF, 0.0, 1e4, 0.0, f)
 

@@ -21,7 +21,7 @@ class ObserverSettings:
     accelerometer_vertical_floor: float = 0.32
     accelerometer_vertical_slope: float = 0.02
     # wheel pulses
-    tooth_deviation: float = 0.0012
+    tooth_deviation: float = 0.0009
     """m: irregularity of the teeth (0.3 % of 0.27 m, with room)."""
     tick_clock: float = 125e-6
     """s: quantum of the wheel pulse's time; its deviation is this / sqrt(12)."""
@@ -34,7 +34,7 @@ class ObserverSettings:
     """s: quantum of the injector pulse's time."""
     pulse_deviation: float = 0.006
     """Relative deviation of one pulse's fuel."""
-    pulse_power_deviation: float = 0.01
+    pulse_power_deviation: float = 0.0085
     """Relative deviation of the power that one pulse foretells for the interval it opens."""
     cut_gap: float = 0.25
     """s without a pulse: fuel is cut off."""
@@ -55,9 +55,9 @@ class ObserverSettings:
     """s: the receiver's own filter."""
     gps_arrival: float = 0.03
     """s: smallest time from an epoch to the last stamped packet before its sentence was complete."""
-    gps_speed: float = 0.15
+    gps_speed: float = 0.1
     """m/s."""
-    gps_course: float = 0.15
+    gps_course: float = 0.12
     """m/s across the track: the course's deviation is this / speed."""
     # other sensors
     speed_deviation: float = 0.15
@@ -79,7 +79,7 @@ class ObserverSettings:
     """N2/s while fuel is cut off or wheels are silent: brakes show nowhere else."""
     thrust_gain: float = 0.25
     """Thrust that a change of fuel power foretells: gain x change / speed (an efficiency, on average)."""
-    thrust_settling: float = 0.07
+    thrust_settling: float = 0.05
     """s over which a foretold change of thrust arrives."""
     heading_noise: float = 1e-7
     """rad2/s."""
@@ -89,9 +89,9 @@ class ObserverSettings:
     """m2/s, north and east."""
     down_noise: float = 1e-5
     """m2/s."""
-    straightness_noise: float = 3e-7
+    straightness_noise: float = 3e-6
     """(rad/m)2 per metre."""
-    vertical_straightness_noise: float = 1e-9
+    vertical_straightness_noise: float = 5e-10
     """(rad/m)2 per metre."""
     energy_noise: float = 1.0
     """J2/s."""
@@ -118,8 +118,8 @@ class ObserverSettings:
     skew_limit: float = 300e-6
     """Largest relative rate of the logger's clock that is believed."""
     # the smoother knows when the fuel changed
-    thrust_gain_hindsight: float = 0.4
-    thrust_noise_hindsight: float = 2e3
+    thrust_gain_hindsight: float = 0.18
+    thrust_noise_hindsight: float = 1e3
     """N2/s."""
     power_noise_hindsight: float = 1e6
     """W2/s."""
@@ -132,11 +132,11 @@ class ObserverSettings:
     """Relative, of the wheel's radius."""
     slip_noise: float = 1e-17
     """(1/N)2/s."""
-    scale_noise: float = 1e-11
+    scale_noise: float = 3e-9
     """1/s."""
-    map_heading_scale: float = 0.5
+    map_heading_scale: float = 0.4
     """Share of the deviation that the matcher states of a heading,"""
-    map_straightness_scale: float = 0.2
+    map_straightness_scale: float = 0.15
     """and of a straightness, that is seen in fact."""
 
     def vector(self) -> NDArray[np.float64]:
