@@ -1,6 +1,6 @@
 """The engine's limits: full load from full-throttle stretches, drag with the fuel cut, idle; what a file declares."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +12,20 @@ from observer.estimate import Estimate
 from observer.operating_points import OperatingPoints
 from vehicle_model.car.parameters import Car
 
-FULL_THROTTLE_SHARE = 0.85
+WHEEL_SHARE = 0.95
+"""Of the crankshaft's torque that the file declares: what passes the gearbox and the tyres."""
+FULL_THROTTLE_SHARE = 0.88
 """Of the declared torque: a stretch below it is no full throttle."""
 STRETCH = 0.5
-"""s that a stretch at full throttle, or with the fuel cut, must last."""
+"""s that a stretch at full throttle must last."""
 FLATNESS = 0.06
 """Relative change of fuel per revolution over a stretch: at full throttle the foot changes nothing any more."""
+NEIGHBOURS = 3
+"""Columns on both sides that are looked at together (150 rpm)."""
+CEILING = 0.03
+"""A ceiling shows as a pile: at least two stretches, together a second, within this of the highest torque."""
+LEAST_OVERRUN = 3.0
+"""s with the fuel cut that weigh as much as the default."""
 
 
 def declared_torque(engine_speed: NDArray, car: Car) -> NDArray[np.float64]:
@@ -42,9 +50,10 @@ def declared_torque(engine_speed: NDArray, car: Car) -> NDArray[np.float64]:
 def default_overrun(engine_speed: NDArray, car: Car) -> NDArray[np.float64]:
     """Torque with the fuel cut, N m, negative: friction and pumping, growing with the square of speed.
 
-    T = - p V_d / (4 pi), with p = 1.1 bar + 0.6 bar (omega / 419 rad/s)^2: ordinary figures (Heywood 1988, 13.5).
+    T = - p V_d / (4 pi), with p = 2.4 bar + 0.9 bar (omega / 419 rad/s)^2: closed throttle, accessories and gearbox
+    dragged along (Heywood 1988, 13.5, for the engine alone).
     """
-    pressure = 1.1e5 + 0.6e5 * (engine_speed / 418.9) ** 2
+    pressure = 2.4e5 + 0.9e5 * (engine_speed / 418.9) ** 2
     return -pressure * car.engine.displacement / (4.0 * np.pi)
 
 
@@ -52,24 +61,42 @@ def observed_limits(
     trips: Sequence[OperatingPoints], estimates: Sequence[Estimate], car: Car, columns: int, *, smoothed: bool
 ) -> Limits:
     """What the trips show of full load, drag and idle on `columns` engine-speed cells; NaN where nothing was seen."""
-    full, drag = np.full(columns, np.nan), np.full(columns, np.nan)
-    omega = np.concatenate([np.empty(0)] + [trip.engine_speed for trip in trips])
-    column = np.clip(np.floor(omega / SPEED_STEP), 0, columns - 1).astype(np.int64)
-    torque = np.concatenate([np.empty(0)] + [trip.torque for trip in trips])
+    omega, torque = _joined(trips, lambda trip: trip.engine_speed), _joined(trips, lambda trip: trip.torque)
+    column = np.clip(np.nan_to_num(omega) / SPEED_STEP, 0, columns - 1).astype(np.int64)
     throttle = np.concatenate([np.empty(0, bool)] + [full_throttle(trip, car) for trip in trips])
-    overrun = np.concatenate([np.empty(0, bool)] + [trip.cut for trip in trips])
+    cut = np.concatenate([np.empty(0, bool)] + [trip.cut for trip in trips])
     step = trips[0].step if trips else 0.1
+    full = np.full(columns, np.nan)
+    relative = torque / declared_torque(omega, car)
+    stretch = np.cumsum(np.diff(throttle, prepend=False) & throttle)
     for number in range(columns):
-        here = column == number
-        pulls, drags = torque[here & throttle], torque[here & overrun]
-        if len(pulls) * step >= STRETCH:
-            # the foot may rest a little below full load, never above it: the upper end, less one sample in ten of noise
-            full[number] = np.quantile(pulls, 0.9)
-        if len(drags) * step >= STRETCH:
-            # brakes pull one way only: the upper quartile is the engine's drag as long as a quarter rolls unbraked
-            drag[number] = min(float(np.quantile(drags, 0.75)), -0.5)
+        here = throttle & (np.abs(column - number) <= NEIGHBOURS)
+        if not here.any():
+            continue
+        top = float(np.quantile(relative[here], 0.9))
+        pile = here & (np.abs(relative / top - 1.0) < CEILING)
+        if pile.sum() * step >= 2.0 * STRETCH and len(np.unique(stretch[pile])) >= 2:
+            full[number] = top * declared_torque(np.array([(number + 0.5) * SPEED_STEP]), car)[0]
     power, speed = _idle(estimates, car, smoothed=smoothed)
-    return Limits(full, drag, power, speed)
+    return Limits(full, _drag(omega[cut], torque[cut], car, columns, step), power, speed)
+
+
+def _joined(trips: Sequence[OperatingPoints], values: Callable[[OperatingPoints], NDArray]) -> NDArray[np.float64]:
+    return np.concatenate([np.empty(0)] + [values(trip) for trip in trips])
+
+
+def _drag(omega: NDArray, torque: NDArray, car: Car, columns: int, step: float) -> NDArray[np.float64]:
+    """Drag torque of every column, N m: the default's shape, scaled by what was seen; NaN if nothing was.
+
+    Brakes only ever add to the drag, and most of the time with the fuel cut is spent braking: the lowest fifth of
+    what was seen is the engine's own.
+    """
+    if not len(omega):
+        return np.full(columns, np.nan)
+    seconds = len(omega) * step
+    ratio = max(float(np.quantile(torque / default_overrun(omega, car), 0.2)), 0.3)
+    scale = (seconds * ratio + LEAST_OVERRUN) / (seconds + LEAST_OVERRUN)
+    return scale * default_overrun((np.arange(columns) + 0.5) * SPEED_STEP, car)
 
 
 def full_throttle(trip: OperatingPoints, car: Car) -> NDArray[np.bool_]:
@@ -80,7 +107,7 @@ def full_throttle(trip: OperatingPoints, car: Car) -> NDArray[np.bool_]:
     change = maximum_filter1d(per_turn, window) - minimum_filter1d(per_turn, window)
     flat = change < FLATNESS * np.maximum(per_turn, 1e-3)
     high = trip.torque > FULL_THROTTLE_SHARE * declared_torque(trip.engine_speed, car)
-    return trip.mapped & flat & minimum_filter1d(high, window)
+    return trip.firing & flat & minimum_filter1d(high, window)
 
 
 def _idle(estimates: Sequence[Estimate], car: Car, *, smoothed: bool) -> tuple[float, float]:

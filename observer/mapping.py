@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from observer.allocation import allocate
 from observer.efficiency_map import SPEED_STEP, TORQUE_STEP, EfficiencyMap, FuelMap, Limits
-from observer.envelope import declared_torque, default_overrun, observed_limits
+from observer.envelope import WHEEL_SHARE, declared_torque, default_overrun, observed_limits
 from observer.estimate import Estimate
 from observer.fit_form import Fit, valid_cells
 from observer.fit_willans import fit_willans
@@ -227,7 +227,7 @@ def fuel_map(efficiency_map: EfficiencyMap, car: Car, fit: Fit) -> FuelMap:
     first = np.floor(engine.idle_speed / SPEED_STEP)
     omega = np.arange(first, np.ceil(engine.redline_speed / SPEED_STEP) + 1) * SPEED_STEP
     limits = efficiency_map.limits
-    declared = declared_torque(omega, car)
+    declared = WHEEL_SHARE * declared_torque(omega, car)
     torque_max = _seen_or(declared, efficiency_map.engine_speed, limits.torque_max, omega)
     overrun = np.minimum(
         _seen_or(default_overrun(omega, car), efficiency_map.engine_speed, limits.overrun_torque, omega), -0.5
