@@ -36,7 +36,7 @@ def database(path: str | Path = "") -> cantools.database.Database:
             return cantools.database.load_file(str(path), database_format="dbc")  # type: ignore[return-value]
         text = files("sensors.layouts").joinpath("smart.dbc").read_text()
         return cantools.database.load_string(text, database_format="dbc")  # type: ignore[return-value]
-    except (OSError, cantools.database.Error, UnicodeDecodeError) as error:
+    except (OSError, cantools.Error, UnicodeDecodeError) as error:
         raise BadInput(path, "", f"a DBC file ({str(error).splitlines()[0]})") from error
 
 
@@ -115,7 +115,7 @@ def read_can_log(path: Path, dbc: str | Path = "") -> SensorLog:
                 first = frame.timestamp if first is None else first
                 t = frame.timestamp - first
                 try:
-                    found = table.decode_message(frame.arbitration_id, frame.data, decode_choices=False)
+                    found = table.decode_message(frame.arbitration_id, bytes(frame.data), decode_choices=False)
                 except KeyError:
                     damage["unknown_frame"] += 1
                     continue

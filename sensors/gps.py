@@ -25,7 +25,7 @@ def gauss_markov(rng: np.random.Generator, count: int, step: float, time: float)
     keep = np.exp(-step / time)
     drive = rng.standard_normal(count) * np.sqrt(1.0 - keep * keep)
     drive[0] = rng.standard_normal()
-    return lfilter([1.0], [1.0, -keep], drive)
+    return np.asarray(lfilter([1.0], [1.0, -keep], drive))
 
 
 def _lagged(values: NDArray[np.float64], step: float, lag: float) -> NDArray[np.float64]:

@@ -60,7 +60,7 @@ def inspect(log: SensorLog, car: Car | None = None) -> dict[str, Any]:
     return report
 
 
-def _stream(t: NDArray[np.float64]) -> dict[str, float | int]:
+def _stream(t: NDArray[np.float64]) -> dict[str, Any]:
     step = np.diff(np.sort(t))
     median = float(np.median(step)) if step.size else 0.0
     return {

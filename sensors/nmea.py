@@ -4,6 +4,7 @@ Compiled kernels write and read the sentences that make up nearly all of a log; 
 like them is given to pynmeagps, which is also what the tests compare the kernels with.
 """
 
+import datetime
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -46,10 +47,13 @@ def write(fixes: NDArray, gsa: NDArray[np.bool_]) -> tuple[NDArray[np.uint8], ND
     date = day * 10_000 + month * 100 + year % 100
     out = np.empty(fixes.size * 260, dtype=np.uint8)
     ends = np.empty(fixes.size, dtype=np.int64)
-    columns = [np.nan_to_num(fixes[name].astype(np.float64)) for name in ("latitude", "longitude", "altitude", "hdop")]
+    latitude, longitude, altitude, hdop = (
+        np.nan_to_num(fixes[name].astype(np.float64)) for name in ("latitude", "longitude", "altitude", "hdop")
+    )
     course = np.degrees(np.nan_to_num(fixes["course"])) % 360.0
     length = kernels.write_epochs(
-        hundredths % 8_640_000, date, *columns, fixes["quality"].astype(np.int64), fixes["satellites"].astype(np.int64),
+        hundredths % 8_640_000, date, latitude, longitude, altitude, hdop,
+        fixes["quality"].astype(np.int64), fixes["satellites"].astype(np.int64),
         np.nan_to_num(fixes["speed"].astype(np.float64)), course, gsa, _HEADS, _CUTS, out, ends,
     )  # fmt: skip
     return out[:length], ends
@@ -116,7 +120,7 @@ def _read_with_library(sentence: bytes, values: NDArray[np.float64]) -> bool:
         return float(value) if isinstance(value, int | float) else np.nan
 
     clock = getattr(message, "time", "")
-    if not hasattr(clock, "hour"):
+    if not isinstance(clock, datetime.time):
         return False
     values[:] = np.nan
     values[0] = clock.hour * 3600.0 + clock.minute * 60.0 + clock.second + clock.microsecond * 1e-6
@@ -126,7 +130,7 @@ def _read_with_library(sentence: bytes, values: NDArray[np.float64]) -> bool:
         values[6] = np.nan_to_num(number("numSV"))
         return True
     date = getattr(message, "date", "")
-    if not hasattr(date, "toordinal"):
+    if not isinstance(date, datetime.date):
         return False
     values[5] = 1.0 if getattr(message, "status", "V") == "A" else 0.0
     values[6] = date.toordinal() - 719163

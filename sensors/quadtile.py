@@ -43,7 +43,7 @@ class Database:
     elevation: NDArray[np.float64]
 
 
-def coordinates(latitude: NDArray[np.float64], longitude: NDArray[np.float64]) -> tuple[NDArray, NDArray]:
+def coordinates(latitude: NDArray[np.floating], longitude: NDArray[np.floating]) -> tuple[NDArray, NDArray]:
     """Return (right, down) in the zoom-32 grid (uint64) of the spherical Mercator square."""
     sine = np.sin(np.radians(np.clip(latitude, -85.05112878, 85.05112878)))
     x = (np.asarray(longitude) + 180.0) / 360.0
@@ -66,7 +66,7 @@ def interleave(right: NDArray, down: NDArray) -> NDArray[np.uint64]:
     return (spread(right) << np.uint64(1)) | spread(down)
 
 
-def quad_code(latitude: NDArray[np.float64], longitude: NDArray[np.float64]) -> NDArray[np.uint64]:
+def quad_code(latitude: NDArray[np.floating], longitude: NDArray[np.floating]) -> NDArray[np.uint64]:
     """Return the 64-bit (zoom 32) quad-tile coordinate of places given in deg."""
     return interleave(*coordinates(np.asarray(latitude, dtype=np.float64), np.asarray(longitude, dtype=np.float64)))
 

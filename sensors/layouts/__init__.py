@@ -106,21 +106,21 @@ class Layout(_Strict):
     delimiter: str = Field(",", min_length=1, max_length=1)
     decimal: Literal[".", ","] = "."
     skip_rows: int = Field(0, ge=0, description="lines before the titles")
-    fuel: Fuel = Field(default_factory=Fuel)
+    fuel: Fuel = Fuel()
     database: str = Field("", description="can: a DBC file; empty for the shipped one")
     stream: list[Stream] = Field(default_factory=list)
 
 
 def shipped() -> list[str]:
     """Names of the layouts that ship."""
-    return sorted(entry.name[:-5] for entry in files(__package__).iterdir() if entry.name.endswith(".toml"))
+    return sorted(entry.name[:-5] for entry in files(__name__).iterdir() if entry.name.endswith(".toml"))
 
 
 def load(name_or_file: str | Path) -> Layout:
     """Return a shipped layout by name, or one from a TOML file. Raises BadInput, naming file and place."""
     path = Path(name_or_file)
     if str(name_or_file) in shipped():
-        source, text = str(name_or_file), files(__package__).joinpath(f"{name_or_file}.toml").read_bytes()
+        source, text = str(name_or_file), files(__name__).joinpath(f"{name_or_file}.toml").read_bytes()
     else:
         source = str(path)
         try:
