@@ -4,6 +4,7 @@ import math
 import tempfile
 import time
 from collections import deque
+from collections.abc import Generator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -111,6 +112,24 @@ def drive(
     the same bits until its first advice. One libsumo per process: call it in a process of its own to run two at once.
     Raises BadInput (scenario), MirrorError (plant and SUMO disagree: a defect, never data).
     """
+    if advisor is not None:
+        advisor.reset()
+    steps = journey(scenario, car, seed, network=network, perfect=perfect)
+    suggestion: Suggestion | None = None
+    try:
+        while True:
+            view, _ = steps.send(suggestion) if suggestion is not None else next(steps)
+            suggestion = advisor.advise(view) if advisor is not None else None
+    except StopIteration as end:
+        return end.value
+
+
+def journey(
+    scenario: Scenario, car: Car, seed: int, *, network: Network | None = None, perfect: bool = False
+) -> Generator[tuple[View, Plant], Suggestion | None, Drive]:
+    """Drive step by step: yields what the dashboard shows (and the plant, for whoever keeps the score), takes a
+    suggestion or None, and returns the `Drive`. Between setting out and arriving only; see `drive`.
+    """
     with tempfile.TemporaryDirectory() as folder:
         if network is None:
             network = build(scenario, Path(folder))
@@ -126,7 +145,7 @@ def drive(
         horizon = EGO_DEPART + 600.0 + 4.0 * float((1.0 / route.speed_limit).sum())
         routes = Path(folder) / "demand.rou.xml"
         routes.write_text(demand(scenario, network, seed, _ego_type(style), horizon))
-        return _run(scenario, car, seed, advisor, network, perfect, style, route, horizon, routes, settings)
+        return (yield from _run(scenario, car, seed, network, perfect, style, route, horizon, routes, settings))
 
 
 def _own_settings(scenario: Scenario) -> dict[str, float]:
@@ -159,7 +178,6 @@ def _run(
     scenario: Scenario,
     car: Car,
     seed: int,
-    advisor: Advisor | None,
     network: Network,
     perfect: bool,
     style: Style,
@@ -167,7 +185,7 @@ def _run(
     horizon: float,
     routes: Path,
     settings: dict[str, float],
-) -> Drive:
+) -> Generator[tuple[View, Plant], Suggestion | None, Drive]:
     began = time.perf_counter()
     plant = Plant(car, route, scenario.effects, 0.0, 0)
     driver = scenario.driver
@@ -181,8 +199,6 @@ def _run(
     destination = float(edge_starts(network)[0][-1] + network.arrival)
     tally = _Tally()
     dawdling = generator(seed, "driver")
-    if advisor is not None:
-        advisor.reset()
     arrived_at: float | None = None
     force = 0.0
     with Traffic(network, routes, seed) as traffic:
@@ -204,9 +220,9 @@ def _run(
                 wanted -= style.dawdling * style.acceleration * dawdling.random()
             advised_gear, coast = 0, False
             suggestion: Suggestion | None = None
-            if advisor is not None and now >= IDLE_BEFORE and arrived_at is None:
+            if now >= IDLE_BEFORE and arrived_at is None:
                 view = View(now, place, speed, plant.gear, gap, leader_speed, light, _colour(state), left)
-                suggestion = obedience.hear(advisor.advise(view))
+                suggestion = obedience.hear((yield view, plant))
             if suggestion is not None:
                 if tally.first_advice is None:
                     tally.first_advice = len(tally.hashes)
