@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from controller.advice import Advice, RoadAhead
 from controller.drive_table import DriveTable, drive_table
+from controller.plan_certificate import Path, Stages, certify_plan
 from controller.route_kernel import BIG, IMPOSSIBLE, act, sweep
 from observer.efficiency_map import FuelMap
 from vehicle_model.car.errors import BadInput
@@ -45,20 +46,6 @@ class Comfort:
     """J charged, not burnt, for each return from rolling to driving: what forbids pulse and glide."""
     dawdle_power: float = 30_000.0
     """W: price of the time lost below `RoadAhead.speed_min`."""
-
-
-@dataclass(frozen=True)
-class Stages:
-    """The road cut into K even stages; arrays (K,) but for `s` and `top` (K+1,)."""
-
-    s: NDArray[np.float64]
-    ds: NDArray[np.float64]
-    grade_force: NDArray[np.float64]
-    """M g (sin theta + C_rr cos theta), N."""
-    top: NDArray[np.float64]
-    """Highest kinetic energy v^2/2 at each place, m2/s2."""
-    slow_speed: NDArray[np.float64]
-    """m/s."""
 
 
 def cut_road(road: RoadAhead, car: Car, step: float) -> Stages:
@@ -104,17 +91,19 @@ def plan_route(
     nodes: int = 200,
     table: DriveTable | None = None,
     policy_step: float = 50.0,
+    certify: bool = True,
 ) -> Advice:
     """Plan the drive over `road` on the (estimated) `fuel_map` and the nominal `car`.
 
     `start_speed` and `end_speed` m/s; `end_speed` None leaves it free and credits the kinetic energy left with
     `end_price` J of fuel per J (the map's marginal cost by default; 0 gives lambda_v = 0 at the end).
     `time_value` W >= 0 is what a second is worth, J/s. `table` saves the tabulation of the map when replanning (its
-    top speed must cover the road's). `step` m and `nodes` set the grid; `policy_step` m that of the policy.
+    top speed must cover the road's). `step` m and `nodes` set the grid; `policy_step` m that of the policy. `certify`
+    fills `Advice.certificate` (see `plan_certificate`).
     Raises BadInput for a road that cannot be driven or an end speed that cannot be reached (naming the nearest).
     """
     problem = _Problem.build(road, fuel_map, car, start_speed, end_speed, end_price, comfort, step, nodes, table)
-    return problem.solve(time_value, start_gear, policy_step)
+    return problem.solve(time_value, start_gear, policy_step, certify)
 
 
 def plan_route_in_time(
@@ -133,6 +122,7 @@ def plan_route_in_time(
     table: DriveTable | None = None,
     policy_step: float = 50.0,
     tolerance: float = 0.001,
+    certify: bool = True,
 ) -> Advice:
     """Plan as `plan_route` does, with the time value that makes the predicted time `trip_time` s (within `tolerance`).
 
@@ -150,10 +140,10 @@ def plan_route_in_time(
         planned = problem.plan(value, start_gear)
         found = float(planned[0].seconds.sum())
         if abs(found - trip_time) <= tolerance * trip_time:
-            return problem.advise(value, *planned, policy_step)
+            return problem.advise(value, *planned, policy_step, certify)
         offset = found - _nearest(known, value)
     value = _bisect(problem, trip_time, start_gear, tolerance)
-    return problem.solve(value, start_gear, policy_step)
+    return problem.solve(value, start_gear, policy_step, certify)
 
 
 def _nearest(known: dict[float, float], value: float) -> float:
@@ -204,18 +194,6 @@ def _bisect(problem: "_Problem", trip_time: float, start_gear: int | None, toler
         else:
             high = value
     return value
-
-
-@dataclass(frozen=True)
-class _Path:
-    """A plan on the stages: E (K+1,), gear (K,; 0 off the throttle), seconds and fuel (K,), lambda_v (K+1,), cost."""
-
-    energy: NDArray[np.float64]
-    gear: NDArray[np.int64]
-    seconds: NDArray[np.float64]
-    fuel: NDArray[np.float64]
-    costate: NDArray[np.float64]
-    cost: float
 
 
 @dataclass(frozen=True)
@@ -292,7 +270,7 @@ class _Problem:
         sweep(*self.arguments(time_value, value))
         return value
 
-    def follow(self, time_value: float, value: NDArray[np.float64], start_gear: int | None) -> "_Path":
+    def follow(self, time_value: float, value: NDArray[np.float64], start_gear: int | None) -> Path:
         """The plan: from the start speed, always the best action."""
         stages = self.stages
         n = len(stages.ds)
@@ -302,7 +280,7 @@ class _Problem:
         speed = np.sqrt(2.0 * energy)
         seconds = stages.ds / np.maximum(0.5 * (speed[1:] + speed[:-1]), 1e-3)
         shifted = np.concatenate([[False], (gears[1:] != gears[:-1]) & (gears[1:] > 0) & (gears[:-1] > 0)])
-        return _Path(
+        return Path(
             energy,
             gears,
             seconds + self.comfort.shift_time * shifted,
@@ -311,7 +289,7 @@ class _Problem:
             float(cost[0]),
         )
 
-    def plan(self, time_value: float, start_gear: int | None) -> tuple["_Path", NDArray[np.float64]]:
+    def plan(self, time_value: float, start_gear: int | None) -> tuple[Path, NDArray[np.float64]]:
         """Sweep and follow. Raises BadInput, saying why, when there is no drive: the end speed, or a hill."""
         value = self.value_function(time_value)
         path = self.follow(time_value, value, start_gear)
@@ -330,13 +308,15 @@ class _Problem:
         """Predicted duration of the plan at `time_value`, s."""
         return float(self.plan(time_value, start_gear)[0].seconds.sum())
 
-    def solve(self, time_value: float, start_gear: int | None, policy_step: float) -> Advice:
+    def solve(self, time_value: float, start_gear: int | None, policy_step: float, certify: bool) -> Advice:
         """Sweep, follow, and tabulate the policy."""
         if not (np.isfinite(time_value) and time_value >= 0.0):
             raise BadInput("time value", f"{time_value} J/s", "finite and not negative")
-        return self.advise(time_value, *self.plan(time_value, start_gear), policy_step)
+        return self.advise(time_value, *self.plan(time_value, start_gear), policy_step, certify)
 
-    def advise(self, time_value: float, found: "_Path", value: NDArray[np.float64], policy_step: float) -> Advice:
+    def advise(
+        self, time_value: float, found: Path, value: NDArray[np.float64], policy_step: float, certify: bool
+    ) -> Advice:
         """The advice that a plan and its value function make."""
         stages, table, car = self.stages, self.table, self.car
         path, chosen = found.energy, found.gear
@@ -367,6 +347,13 @@ class _Problem:
         )
         policy_acceleration = (ends.reshape(shape) - energies) / stages.ds[places][:, None]
         policy_gear = np.where(gears > 0, gears, np.tile(self.rolling_gear(grid), len(places))).reshape(shape)
+        certificate = (
+            {}
+            if not certify
+            else certify_plan(
+                table, stages, found, car.air_density * car.drag_area, time_value, self.comfort.acceleration
+            )
+        )
         return Advice(
             s=stages.s,
             speed=speed,
@@ -383,6 +370,7 @@ class _Problem:
             policy_s=stages.s[places],
             coasting=np.append(off, off[-1]),
             brake_force=np.append(np.where(off, np.maximum(rolling - wheels, 0.0), 0.0), 0.0),
+            certificate=certificate,
         )
 
     def rolling_gear(self, speed: NDArray[np.float64]) -> NDArray[np.int64]:

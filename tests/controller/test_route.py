@@ -131,3 +131,25 @@ def test_the_compiled_sweep_equals_the_readable_one(smart, willans):
     known = (fast < route_kernel.IMPOSSIBLE) & (slow < route_kernel.IMPOSSIBLE)
     assert np.array_equal(fast < route_kernel.IMPOSSIBLE, slow < route_kernel.IMPOSSIBLE)
     assert fast[known] == pytest.approx(slow[known], rel=1e-10)
+
+
+@pytest.mark.parametrize("price", [8e3, 20e3])
+def test_the_plan_is_an_extremal_of_pontryagin(smart, willans, price):
+    """Where no limit is touched the action maximises H and the costate obeys its equation, to the grid's width."""
+    plan = plan_route(hilly(5000), willans, smart, start_speed=0.0, end_speed=0.0, time_value=price)
+    assert plan.certificate["maximum_gap"] < 0.01
+    assert plan.certificate["costate_error"] < 0.02
+    assert plan.certificate["pulses"] <= 1.0
+
+
+def test_a_dented_map_is_reported_as_rewarding_pulses(smart, willans):
+    """A Willans map with part load made 30 % dearer around the cruise is not convex: the certificate says so."""
+    from dataclasses import replace
+
+    dent = 1.0 + 0.3 * np.exp(-(((willans.torque - 25.0) / 12.0) ** 2))
+    dented = replace(willans, fuel_power=willans.fuel_power * dent)
+    road = flat(4000, 25.0)
+    calm = plan_route(road, willans, smart, start_speed=18.0, end_speed=18.0, time_value=12e3)
+    tempting = plan_route(road, dented, smart, start_speed=18.0, end_speed=18.0, time_value=12e3)
+    assert calm.certificate["hull_gain"] < 0.01
+    assert tempting.certificate["hull_gain"] > calm.certificate["hull_gain"]
