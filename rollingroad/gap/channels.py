@@ -257,6 +257,8 @@ def _layout(trace: Trace, samples: Samples, nominal: Replay, car: Car, coarse: b
     slope = 2.7
     sigma = np.sqrt((force * slope * m.speed) ** 2 + (0.012 * np.nan_to_num(samples.fuel)) ** 2 + 150.0**2)
     sigma = sigma * np.where(np.isin(samples.regime, [REGIMES.index("launch"), REGIMES.index("open")]), 4.0, 1.0)
+    if coarse:
+        sigma = np.full(len(m.time), 0.05 * float(np.nanmean(trace.fuel)) if np.isfinite(trace.fuel).any() else 1.0)
     full = np.maximum(span / step, 1.0)
     count = np.bincount(np.unique(label, return_inverse=True)[1]) if len(label) else np.zeros(0)
     share = count[np.unique(label, return_inverse=True)[1]] / full if len(label) else np.zeros(0)

@@ -85,7 +85,8 @@ def weigh(
         reference = [t for t in before if t is not None]
         if reference:
             layout = evidence.layout_of(reference)
-            calibration = evidence.calibrate(reference, layout, library)
+            coarse = not np.isfinite(reference[0].p.trace.engine_speed).any()
+            calibration = evidence.calibrate(reference, layout, library, coarse=coarse)
             correction = dict(zip(layout.calibration, calibration.mean, strict=True))
         else:
             correction = None
@@ -96,7 +97,7 @@ def weigh(
             raise BadInput("--logs", "", "at least one trip of 60 s with speed; " + "; ".join(more or ["none was readable"]))
         coarse = not np.isfinite(trips[0].p.trace.engine_speed).any()
         layout = evidence.layout_of([*reference, *trips])
-        calibration = evidence.calibrate(reference, layout, library)
+        calibration = evidence.calibrate(reference, layout, library, coarse=coarse)
         whitened = [evidence.whiten(t, layout, calibration.noise) for t in trips]
         gram = sum((w.gram for w in whitened), np.zeros_like(whitened[0].gram))
         reduced = evidence.reduce(gram, layout, calibration)

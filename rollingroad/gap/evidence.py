@@ -184,8 +184,13 @@ KEPT = ("bias_x", "gnss.lag", "gnss.scale", "launch_speed.offset", "shift_time.o
 """Calibration columns of the box and of the driver's habits, which are free without references too."""
 
 
-def calibrate(reference: Sequence[Trip], layout: Layout, library: Library) -> Calibration:
-    """Fit the correction to the reference trips, and the noise to what each leaves when the others predict it."""
+def calibrate(reference: Sequence[Trip], layout: Layout, library: Library, *, coarse: bool = False) -> Calibration:
+    """Fit the correction to the reference trips, and the noise to what each leaves when the others predict it.
+
+    `coarse`: logs of speed and fuel alone. One such trip is no measure of another's map (a town cycle says nothing of
+    full load), so there the noise is what the references leave of themselves, and never less than the declared
+    repeatability.
+    """
     noise = default_noise()
     if not reference:
         free = np.array([1.0 if name in KEPT or name.startswith("launch") else NO_REFERENCE for name in layout.calibration])
@@ -193,21 +198,24 @@ def calibrate(reference: Sequence[Trip], layout: Layout, library: Library) -> Ca
         return Calibration(np.diag(sd**-2.0), np.zeros(len(sd)), noise, 1.3, 0)
     for _ in range(2):
         done = [whiten(trip, layout, noise) for trip in reference]
-        if len(done) > 1:
-            noise = _rescaled(noise, reference, done, layout)
+        if len(done) > 1 or coarse:
+            noise = _rescaled(noise, reference, done, layout, leave_out=not coarse)
     done = [whiten(trip, layout, noise) for trip in reference]
     total = sum((w.gram for w in done), np.zeros_like(done[0].gram))
     information, vector = _information(total, layout)
-    return Calibration(information, vector, noise, _dispersion(done, layout, library), len(reference))
+    dispersion = 1.0 if coarse else _dispersion(done, layout, library)
+    return Calibration(information, vector, noise, dispersion, len(reference))
 
 
-def _rescaled(noise: Noise, trips: Sequence[Trip], done: Sequence[Whitened], layout: Layout) -> Noise:
+def _rescaled(
+    noise: Noise, trips: Sequence[Trip], done: Sequence[Whitened], layout: Layout, *, leave_out: bool
+) -> Noise:
     """Noise scales from leave-one-trip-out residuals, drawn towards the first idea where blocks are few."""
     total = sum((w.gram for w in done), np.zeros_like(done[0].gram))
     n = layout.nuisance
     squares, counts = np.zeros_like(noise.scale), np.zeros_like(noise.scale)
     for trip, w in zip(trips, done, strict=True):
-        information, vector = _information(total - w.gram, layout)
+        information, vector = _information(total - w.gram if leave_out else total, layout)
         c = len(layout.calibration)
         # tolerances and the trip's own are fitted to the left-out trip itself
         own = np.concatenate([w.rows[:, c:n] * layout.tolerance_sd, w.own * w.own_sd], axis=1)
@@ -217,6 +225,8 @@ def _rescaled(noise: Noise, trips: Sequence[Trip], done: Sequence[Whitened], lay
         np.add.at(squares, (trip.p.layout.channel, trip.p.layout.regime), residual**2)
         np.add.at(counts, (trip.p.layout.channel, trip.p.layout.regime), 1.0)
     weight = 10.0
+    if not leave_out:  # degrees of freedom that the correction took
+        counts = np.maximum(counts - 25.0 * counts / max(counts.sum(), 1.0), 0.3 * counts)
     scale = np.sqrt((squares + weight) / (counts + weight))
     return Noise(noise.scale * np.clip(scale, 0.4, 4.0), noise.correlated, noise.time)
 
@@ -323,6 +333,8 @@ class Thresholds:
     prior_outside: float = 0.10
     misfit: float = 0.08
     temperature: float = 1.0
+    alike: float = 0.85
+    """Correlation with a named effect above which a regressor is that effect and not something else."""
     barrier: float = 3.0
     """log units that any cause must overcome before "nothing" loses: pays for looking everywhere."""
 
@@ -338,6 +350,40 @@ class Posterior:
     fits: Mapping[str, tuple[Variant, Fit]]
     pair_fits: Mapping[tuple[str, str], tuple[Variant, Variant, Fit]]
     regressors: tuple[tuple[generic.Regressor, ...], Fit] | None
+
+
+def _outside(
+    r: Reduced, library: Library, layout: Layout, by_effect: Mapping[str, list[tuple[Variant, Fit, NDArray]]], t: Thresholds
+) -> tuple[tuple[list[int], Fit], float]:
+    """Best regressors and the evidence of "something else": regressors that no named effect could stand for."""
+    offset = layout.effects
+    sd = np.array([g.sd for g in library.regressors])
+    candidates = np.array([i for i in range(layout.generics) if r.information[offset + i, offset + i] * sd[i] ** 2 > 1.0], int)
+    if not len(candidates):
+        return ([], Fit(0.0, 0.0, np.zeros(0), np.zeros((0, 0)))), -30.0
+    new = []
+    for i in candidates:
+        column = np.array([offset + i])
+        known = max((cosine(r, index, column) for rows in by_effect.values() for _, _, index in rows), default=0.0)
+        if known < t.alike:
+            new.append(int(i))
+    if not new:
+        return ([], Fit(0.0, 0.0, np.zeros(0), np.zeros((0, 0)))), -30.0
+    alone = {i: fit(r, [offset + i], sd[[i]]) for i in new}
+    first = max(alone, key=lambda i: alone[i].log_bayes)
+    both = {}
+    for i in candidates:
+        if i != first:
+            index = [first, int(i)]
+            both[int(i)] = fit(r, [offset + n for n in index], sd[index])
+    found = ([first], alone[first])
+    log = log_mean_exp(np.array([f.log_bayes for f in alone.values()]))
+    if both:
+        second = max(both, key=lambda i: both[i].log_bayes)
+        log = float(np.logaddexp(log, log_mean_exp(np.array([f.log_bayes for f in both.values()])) - np.log(4.0)))
+        if both[second].log_bayes > alone[first].log_bayes + 2.0:
+            found = ([first, second], both[second])
+    return found, log
 
 
 def posterior(r: Reduced, library: Library, layout: Layout, hidden: Sequence[str], t: Thresholds) -> Posterior:
@@ -363,24 +409,7 @@ def posterior(r: Reduced, library: Library, layout: Layout, hidden: Sequence[str
             index = np.concatenate([i1, i2])
             pairs[(first, second)] = (v1, v2, fit(r, index, sd[index]))
 
-    offset = layout.effects
-    generic_sd = np.array([g.sd for g in library.regressors])
-    alone = [fit(r, [offset + i], generic_sd[[i]]) for i in range(layout.generics)]
-    order = np.argsort([-f.log_bayes for f in alone])
-    chosen = [int(order[0])]
-    both = []
-    for i in range(layout.generics):
-        if i != chosen[0]:
-            index = [chosen[0], i]
-            both.append((i, fit(r, [offset + n for n in index], generic_sd[index])))
-    second = max(both, key=lambda row: row[1].log_bayes)
-    outside_log = np.logaddexp(
-        log_mean_exp(np.array([f.log_bayes for f in alone])),
-        log_mean_exp(np.array([f.log_bayes for _, f in both])) - np.log(4.0),
-    )
-    found = (chosen, alone[chosen[0]])
-    if second[1].log_bayes > alone[chosen[0]].log_bayes + 2.0:
-        found = ([chosen[0], second[0]], second[1])
+    found, outside_log = _outside(r, library, layout, by_effect, t)
 
     explained = max(
         [row[1].explained for row in best.values()] + [f.explained for *_, f in pairs.values()] + [found[1].explained, 0.0]
@@ -397,5 +426,5 @@ def posterior(r: Reduced, library: Library, layout: Layout, hidden: Sequence[str
     return Posterior(
         table["none"], {n: table[n] for n in singles}, {n: table[n] for n in pairs}, table["outside"],
         {n: (v, f) for n, (v, f, _) in best.items()}, pairs,
-        (tuple(library.regressors[i] for i in found[0]), found[1]),
+        (tuple(library.regressors[i] for i in found[0]), found[1]) if found[0] else None,
     )  # fmt: skip

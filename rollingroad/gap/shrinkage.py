@@ -113,7 +113,8 @@ def shrink(
 
 def _leading(posterior: Posterior) -> tuple[str, ...]:
     """The most probable cause, if any is likelier than none; "outside_catalogue" is one."""
-    rows: list[tuple[float, tuple[str, ...]]] = [(posterior.none, ()), (posterior.outside, ("outside_catalogue",))]
+    outside = posterior.outside if posterior.regressors is not None else 0.0
+    rows: list[tuple[float, tuple[str, ...]]] = [(posterior.none, ()), (outside, ("outside_catalogue",))]
     rows += [(p, (e,)) for e, p in posterior.singles.items()]
     rows += [(p, pair) for pair, p in posterior.pairs.items()]
     if posterior.none >= 0.5:

@@ -190,7 +190,7 @@ def variants(car: Car) -> list[Variant]:
         _plant("mass", {"factor": (1.0, 0.05, "", 0.10, 0)}, {}),
         _plant("drag_area", {"factor": (1.0, 0.1, "", 0.12, 0)}, {}),
         _plant("air_density", {"factor": (1.0, 0.1, "", 0.08, 0)}, {}),
-        _warm("temperature", "K", 363.15, -40.0, 25.0, "cold_start",
+        _warm("temperature", "K", 363.15, -40.0, 40.0, "cold_start",
               [{}, {"cold_start.energy": 0.8e9, "cold_start.oil_share": 0.0},
                {"cold_start.energy": 5e9, "cold_start.oil_energy": 15e9, "cold_start.enrichment": 0.0}], -1),
         _plant("cranking_fuel", {"energy": (0.0, 2e4, "J", 3e4, 1), "idle_raise": (0.0, 20.0, "rad/s", 20.0, 1),
@@ -219,6 +219,7 @@ def variants(car: Car) -> list[Variant]:
         _sensor("grade_map_error", (Column("bias", "", 0.0, 0.003),), lambda c: _grade_map(c)[:1]),
         _sensor("grade_map_error", (Column("shift", "m", 0.0, 15.0),), lambda c: _grade_map(c)[1:]),
     ]  # fmt: skip
+    out.append(_cold_with_start())
     for bearing in (0.0, 0.79, 1.57, 2.36):
         out.append(_plant("cross_wind", {"speed": (0.0, 5.0, "m/s", 5.0, 1)}, {"cross_wind.from": bearing}))
     for load in (0.6, 0.7, 0.8, 0.9):
@@ -231,6 +232,20 @@ def variants(car: Car) -> list[Variant]:
     for period in (12.0, 16.0, 20.0, 25.0, 30.0, 36.0, 44.0, 52.0, 60.0):
         out.append(_cycling(period))
     return out
+
+
+def _cold_with_start() -> Variant:
+    """A cold start as cars really make it: friction that fades over minutes, and the first minute's rich mixture."""
+    friction = _warm("temperature", "K", 363.15, -40.0, 40.0, "cold_start",
+                     [{}, {"cold_start.energy": 0.8e9, "cold_start.oil_share": 0.0}], -1)  # fmt: skip
+    columns = (*friction.columns, Column("first_minute", "", 0.0, 0.4, 1))
+
+    def make(c: Context) -> Array:
+        start = {"cranking_fuel.retard": 0.2, "cranking_fuel.time": 60.0}
+        early = (c.base - values(c.p, c.car, plant_parameters(c.car, start))) / 0.2
+        return np.concatenate([friction.make(c), early[:, None]], axis=1)
+
+    return Variant("cold_start", columns, {}, make)
 
 
 def _cycling(period: float) -> Variant:

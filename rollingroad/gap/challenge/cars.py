@@ -23,8 +23,8 @@ XML = """<?xml version="1.0" encoding="UTF-8" ?>
   <engine>
     <type type="{displacement_cc:.0f}cc Inline {cylinders}{charger}" />
     <displacement displacement="{displacement_cc:.0f}cc" />
-    <power power="{power:.0f}kW @{power_rpm:.0f}rpm" />
-    <torque torque="{torque:.0f}Nm @{torque_rpm:.0f}rpm" />
+    <power power="{power:.1f}kW @{power_rpm:.0f}rpm" />
+    <torque torque="{torque:.1f}Nm @{torque_rpm:.0f}rpm" />
     <compression comp="{compression}:1" />
     <idle rpm="{idle:.0f}" />
     <inertia lumped="{engine_inertia:.4f}" />
@@ -92,6 +92,7 @@ def draw(rng: np.random.Generator) -> Car:
                  radius=0.298, stroke=0.088)  # fmt: skip
     for name, spread in (("wet", 0.06), ("cd", 0.05), ("crr", 0.08), ("displacement_cc", 0.05), ("torque", 0.05)):
         d[name] *= 1.0 + spread * rng.uniform(-1, 1)
+    d["power"] = min(d["power"], 0.93 * d["torque"] * d["power_rpm"] / 9549.3)
     ratios = np.round(ratios * (1.0 + 0.03 * rng.uniform(-1, 1)), 3)
     d |= dict(roll=rng.normal(0, 0.03), pitch=rng.normal(0, 0.04), yaw=rng.normal(0, 0.05), scale=1.0 + rng.normal(0, 0.01))
     lines = "\n".join(f'    <{ORDINALS[i]} gear="{g:.3f}" />' for i, g in enumerate(ratios))
