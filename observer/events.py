@@ -126,20 +126,26 @@ def packet_rows(stream: str, packets: NDArray) -> NDArray[np.float64]:
     return rows
 
 
-def passage_rows(passages: NDArray, log: SensorLog) -> NDArray[np.float64]:
-    """Return the nodes passed (`sensors.matching.OBSERVATION`) as event rows, at the time when each became known."""
+def map_rows(passages: NDArray, known: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the nodes passed (`sensors.matching.OBSERVATION`) as event rows, at the times `known` (n,), s."""
     rows = np.zeros((len(passages), COLUMNS))
-    known = np.concatenate([log[stream]["order"] for stream in ("wheel", "gps", "speed")])
-    stamps = np.concatenate([log[stream]["t"] for stream in ("wheel", "gps", "speed")])
-    sequence = np.argsort(known, kind="stable")
-    place = np.searchsorted(known[sequence], passages["order"])
-    rows[:, 0] = np.maximum(stamps[sequence][place], passages["t"])
+    rows[:, 0] = np.maximum(known, passages["t"])
     rows[:, 1] = MAP
     for column, name in enumerate(("heading", "altitude", "straightness")):
         rows[:, 2 + 2 * column] = passages[name]
         rows[:, 3 + 2 * column] = passages[f"{name}_sigma"]
     rows[:, 8] = rows[:, 0] - passages["t"]
     return rows
+
+
+def passage_rows(passages: NDArray, log: SensorLog) -> NDArray[np.float64]:
+    """Return the event rows of the nodes that a whole log passes, at the stamps of the packets that told of them."""
+    told = [log[stream] for stream in ("wheel", "gps", "speed")]
+    known = np.concatenate([packets["order"] for packets in told])
+    stamps = np.concatenate([packets["t"] for packets in told])
+    sequence = np.argsort(known, kind="stable")
+    place = np.searchsorted(known[sequence], passages["order"])
+    return map_rows(passages, stamps[sequence][place])
 
 
 def prepare(log: SensorLog, passages: NDArray | None = None) -> tuple[NDArray[np.float64], dict[str, int]]:

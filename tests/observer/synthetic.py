@@ -154,7 +154,9 @@ def sense(
 
     ticks = np.arange(1, int(truth.distance[-1] / car.metres_per_tick))
     rising = np.concatenate([[True], np.diff(truth.distance) > 0])
-    places = ticks * car.metres_per_tick * (1 + noise * 1e-3 * rng.normal()) + noise * 8e-4 * rng.normal(size=len(ticks))
+    places = ticks * car.metres_per_tick * (1 + noise * 1e-3 * rng.normal()) + noise * 8e-4 * rng.normal(
+        size=len(ticks)
+    )
     moment = np.interp(np.clip(places, 0, truth.distance[-1] - 1e-6), truth.distance[rising], t[rising])
     seen = np.interp(moment, t, truth.speed) > 1.0
     wheel = np.zeros(int(seen.sum()), STREAMS["wheel"])

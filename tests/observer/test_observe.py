@@ -1,0 +1,184 @@
+"""The observer on a truth of the tests' own: accuracy, robustness, and stream against batch."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from synthetic import SMART, Truth, drive, sense
+
+from observer.estimate import STATES, Estimate
+from observer.observe import observe
+from observer.stream import Observer
+from sensors.log import SensorLog
+
+START = 3.0
+"""s: the logger's clock at the truth's time 0 (as `sense` sets it)."""
+
+
+@pytest.fixture(scope="module")
+def truth() -> Truth:
+    return drive(seed=1, duration=240.0)
+
+
+@pytest.fixture(scope="module")
+def log(truth: Truth) -> SensorLog:
+    return sense(truth, seed=1)
+
+
+@pytest.fixture(scope="module")
+def estimate(log: SensorLog) -> Estimate:
+    return observe(log, SMART)
+
+
+def thrust_error(estimate: Estimate, truth: Truth, *, smoothed: bool = False, after: float = 30.0) -> float:
+    """Root mean square error as a share of the thrust's rms, while the engine drives."""
+    at = np.clip(np.round((estimate.time - START) / 0.01).astype(int), 0, len(truth.time) - 1)
+    use = truth.driving[at] & (estimate.time > START + after)
+    error = estimate.column("thrust", smoothed=smoothed)[use] - truth.thrust[at][use]
+    return float(np.sqrt(np.mean(error**2) / np.mean(truth.thrust[at][use] ** 2)))
+
+
+def changed(log: SensorLog, **streams: np.ndarray) -> SensorLog:
+    return SensorLog({**log.streams, **streams})
+
+
+def test_thrust_is_found_live_and_better_in_hindsight(estimate, truth):
+    assert thrust_error(estimate, truth) < 0.08
+    assert thrust_error(estimate, truth, smoothed=True) < 0.035
+
+
+def test_stated_uncertainty_is_that_seen(estimate, truth):
+    at = np.clip(np.round((estimate.time - START) / 0.01).astype(int), 0, len(truth.time) - 1)
+    use = truth.driving[at] & (estimate.time > START + 30.0)
+    for name, true in (("thrust", truth.thrust), ("speed", truth.speed), ("pitch", truth.pitch)):
+        error = (estimate.column(name) - true[at])[use]
+        assert np.mean(error**2 / estimate.variance[use, STATES.index(name)]) < 6.0, name
+
+
+def test_every_measurement_leaves_a_record(estimate, log):
+    kinds = {str(kind) for kind in np.unique(estimate.records["kind"])}
+    assert {"acceleration_x", "distance", "injected_energy", "engine_angle", "gps_north", "gps_speed"} <= kinds
+    for kind, stream in (("acceleration_z", "accelerometer"), ("gps_east", "gps"), ("distance", "wheel")):
+        assert np.count_nonzero(estimate.records["kind"] == kind) == pytest.approx(len(log[stream]), abs=6)
+    fused = estimate.records[estimate.records["fused"]]
+    np.testing.assert_allclose(fused["nis"][:1000], (fused["innovation"] ** 2 / fused["variance"])[:1000])
+
+
+def test_stream_gives_the_bits_of_the_batch(log, estimate):
+    observer = Observer(SMART)
+    streams = [
+        (row["order"], name, packets[i : i + 1])
+        for name, packets in log.streams.items()
+        for i, row in enumerate(packets)
+    ]
+    streams.sort(key=lambda item: item[0])
+    updates = [observer.update(name, packet) for _, name, packet in streams[:30_000]]
+    time = np.concatenate([update.time for update in updates])
+    state = np.concatenate([update.state for update in updates])
+    assert len(time) > 1000
+    np.testing.assert_array_equal(time, estimate.time[: len(time)])
+    np.testing.assert_array_equal(state, estimate.state[: len(time)])
+    records = np.concatenate([update.records for update in updates])
+    np.testing.assert_array_equal(records["innovation"], estimate.records["innovation"][: len(records)])
+
+
+def test_a_jump_of_the_receiver_is_refused_and_the_gate_opens_again(log, truth):
+    gps = log["gps"].copy()
+    wrong = (gps["t"] > 100.0) & (gps["t"] < 112.0)
+    gps["latitude"][wrong] += 0.0045  # 500 m
+    found = observe(changed(log, gps=gps), SMART)
+    rows = found.records[(found.records["kind"] == "gps_north")]
+    during = rows[(rows["t"] > 100.2) & (rows["t"] < 102.5)]
+    assert not during["fused"].any()
+    assert (during["reason"] == "gate").all()
+    after = rows[(rows["t"] > 135.0) & (rows["t"] < 200.0)]
+    assert after["fused"].mean() > 0.95
+    assert thrust_error(found, truth) < 0.10
+
+
+@pytest.mark.parametrize("stream", ["gps", "accelerometer", "wheel", "injector"])
+def test_a_lost_sensor_costs_accuracy_not_sanity(log, stream):
+    found = observe(changed(log, **{stream: log[stream][:0]}), SMART)
+    assert np.isfinite(found.state).all()
+    assert np.isfinite(found.smoothed).all()
+    assert (found.variance > 0.0).all()
+    assert np.abs(found.column("pitch")).max() < 0.5
+    if stream == "gps":
+        return
+    assert np.isnan(found.origin).sum() == 0
+
+
+def test_lost_and_doubled_pulses_offset_nothing(log, truth, estimate):
+    rng = np.random.default_rng(5)
+    wheel, injector = log["wheel"], log["injector"]
+    wheel = wheel[rng.random(len(wheel)) > 0.005]
+    twice = np.sort(np.concatenate([np.arange(len(injector)), rng.integers(0, len(injector), 30)]))
+    found = observe(changed(log, wheel=wheel, injector=injector[twice]), SMART)
+    assert thrust_error(found, truth) < 1.5 * thrust_error(estimate, truth)
+    at = np.clip(np.round((found.time - START) / 0.01).astype(int), 0, len(truth.time) - 1)
+    late = found.time > found.time[-1] - 60.0
+    assert np.sqrt(np.mean((found.column("speed") - truth.speed[at])[late] ** 2)) < 0.15
+
+
+def test_garbage_never_enters(log):
+    """NaN, infinities, absurd and backward stamps: the estimate is that of the log without them."""
+    rng = np.random.default_rng(7)
+    acc = log["accelerometer"].copy()
+    bad = rng.choice(np.arange(1000, len(acc) - 1000), 40, replace=False)
+    clean = observe(changed(log, accelerometer=np.delete(acc, bad)), SMART)
+    acc["t"][bad[:10]], acc["t"][bad[10:20]], acc["t"][bad[20:30]] = np.nan, 1e9, -5.0
+    acc["x"][bad[30:35]], acc["x"][bad[35:]] = np.nan, np.inf
+    acc["y"][bad[30:]] = acc["z"][bad[30:]] = np.nan
+    found = observe(changed(log, accelerometer=acc), SMART)
+    # a reading without sense still splits a step of the integration in two
+    for name, tolerance in (("thrust", 2.0), ("speed", 2e-3), ("pitch", 1e-4), ("north", 1e-2), ("bias_x", 1e-4)):
+        np.testing.assert_allclose(found.column(name), clean.column(name), rtol=0, atol=tolerance, err_msg=name)
+    assert np.count_nonzero(found.records["reason"] == "not_finite") >= 10
+
+
+def test_no_packet_at_all_is_an_empty_estimate():
+    empty = observe(SensorLog({}), SMART)
+    assert len(empty.time) == 0
+    assert empty.state.shape == (0, 17)
+
+
+def test_the_clock_may_be_set_anew(log):
+    """Given a logger that restarts its clock at 120 s, then the estimate goes on."""
+    streams = {name: packets.copy() for name, packets in log.streams.items()}
+    for packets in streams.values():
+        packets["t"][packets["t"] > 120.0] -= 118.0
+    found = observe(SensorLog(streams), SMART)
+    assert np.isfinite(found.state).all()
+    assert found.time[-1] == pytest.approx(log["accelerometer"]["t"][-1], abs=3.0)
+
+
+def test_biases_are_carried_over(truth, log, estimate):
+    """Without GPS, knowing the biases from an earlier trip helps."""
+    deaf = changed(log, gps=log["gps"][:0])
+    known, unknown = observe(deaf, SMART, learnt=estimate.learnt), observe(deaf, SMART)
+    assert thrust_error(known, truth) < 0.09
+    assert thrust_error(known, truth, smoothed=True) < thrust_error(unknown, truth, smoothed=True)
+
+
+def test_standstill_keeps_what_cannot_be_seen():
+    """Parked for two minutes: pitch and position stay, nothing diverges."""
+    truth = drive(seed=1, duration=120.0)
+    parked = {field: getattr(truth, field) for field in truth.__dataclass_fields__}
+    n = 12_000
+    for name, values in parked.items():
+        tail = np.repeat(values[-1], n)
+        if name == "time":
+            tail = values[-1] + 0.01 * np.arange(1, n + 1)
+        elif name in ("speed", "acceleration", "thrust", "straightness", "vertical_straightness"):
+            tail = np.zeros(n)
+        elif name == "driving":
+            tail = np.zeros(n, bool)
+        elif name in ("engine_angle", "fuel_energy"):
+            rate = 90.0 if name == "engine_angle" else 2.5e3
+            tail = values[-1] + rate * 0.01 * np.arange(1, n + 1)
+        parked[name] = np.concatenate([values, tail])
+    found = observe(sense(replace(truth, **parked), seed=3), SMART)
+    still = found.time > START + 180.0
+    assert np.abs(found.column("speed")[still]).max() < 0.3
+    assert np.ptp(found.column("pitch")[still]) < 0.01
+    assert np.ptp(found.column("north")[still]) < 10.0
