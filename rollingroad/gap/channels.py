@@ -11,7 +11,7 @@ Channels (value: unit)
     height_gps    m      receiver's altitude less the height that specific force and wheels integrate to
     height_map    m      the road map's altitude less the same
     clock_rate    s/s    what the logger's clock gains on the receiver's
-    lag           s      see `gnss_speed`: carried by its acceleration part
+    gnss_second   m/s    as gnss_speed, of a second receiver
 The thrust that a filter infers is no channel: it is built from acceleration and believed resistances, so a force balance
 of it is true by construction. Fuel against required work, and coasting, are independent.
 """
@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 
 CHANNELS = (
     "fuel_power", "coast_force", "gnss_speed", "gear_ratio", "idle_speed", "launch_speed", "shift_time", "height_gps",
-    "height_map", "clock_rate",
+    "height_map", "clock_rate", "gnss_second",
 )  # fmt: skip
 REGIMES = ("idle", "drive", "overrun", "launch", "open", "all")
 SQUAT = np.radians(1.0)
@@ -290,6 +290,11 @@ def _layout(trace: Trace, samples: Samples, nominal: Replay, car: Car, coarse: b
                 add(name, index, (at[index] / 10).astype(int), at[index], np.full(len(index), 1), np.ones(len(index)), 5)
     if parts.get("coast_force") is not None:
         columns["sigma"] = _doubt_brakes(columns, parts["coast_force"], nominal)
+    if len(trace.second.get("t", ())) >= 10:
+        at = trace.second["t"] - trace.time[0]
+        wheel = np.interp(at - LAG, m.time, m.speed)
+        index = np.flatnonzero((wheel > 3.0) & np.isfinite(trace.second["speed"]) & (at > 2) & (at < m.time[-1] - 0.5))
+        add("gnss_second", index, index, at[index], np.full(len(index), 1), np.full(len(index), 0.3), 1)
     stacked = {name: np.concatenate(rows) if rows else np.zeros(0) for name, rows in columns.items()}
     if "gps" in trace.clock:
         deviation = np.hypot(trace.clock["gps_sd"], 12e-6)
@@ -348,6 +353,9 @@ def values(p: Prepared, car: Car, vector: Array) -> Array:
         level = np.interp(at - LAG, m.time, s.height)
         put("height_gps", trace.gps["altitude"] - level)
         put("height_map", trace.gps["map_altitude"] - level)
+    if trace.second:
+        at = trace.second["t"] - trace.time[0]
+        put("gnss_second", trace.second["speed"] - np.interp(at - LAG, m.time, m.speed))
     if "gps" in trace.clock:
         out[layout.channel == CHANNELS.index("clock_rate")] = trace.clock["gps"]
     return out

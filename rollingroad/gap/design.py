@@ -19,7 +19,7 @@ from vehicle_model.plant import kernel as k
 from vehicle_model.plant.parameters import plant_parameters
 
 Array = NDArray[np.float64]
-FUEL, COAST, GNSS, RATIO, IDLE, LAUNCH, SHIFT, HEIGHT_GPS, HEIGHT_MAP, CLOCK = range(len(CHANNELS))
+FUEL, COAST, GNSS, RATIO, IDLE, LAUNCH, SHIFT, HEIGHT_GPS, HEIGHT_MAP, CLOCK, SECOND = range(len(CHANNELS))
 
 
 @dataclass(frozen=True)
@@ -193,8 +193,8 @@ class Noise:
 
 def default_noise() -> Noise:
     """Before any reference trip has been seen."""
-    correlated = np.array([0.35, 0.3, 0.15, 0.4, 0.3, 0.2, 0.0, 0.0, 0.0, 0.0])
-    time = np.array([40.0, 120.0, 6.0, 60.0, 60.0, 60.0, 1.0, 200.0, 8.0, 1.0])
+    correlated = np.array([0.35, 0.3, 0.15, 0.4, 0.3, 0.2, 0.0, 0.0, 0.0, 0.0, 0.2])
+    time = np.array([40.0, 120.0, 6.0, 60.0, 60.0, 60.0, 1.0, 200.0, 8.0, 1.0, 6.0])
     return Noise(np.ones((len(CHANNELS), len(REGIMES))), correlated, time)
 
 

@@ -14,6 +14,7 @@ from rollingroad.gap.channels import prepare
 from rollingroad.gap.door import read_road, read_trips
 from rollingroad.gap.evidence import Calibration, Library, Posterior, Reduced, Trip
 from rollingroad.gap.identify import unseen
+from rollingroad.gap.plausible import check
 from rollingroad.gap.reconstruct import reconstruct
 from rollingroad.gap.result import as_json
 from rollingroad.gap.road import Road
@@ -45,6 +46,9 @@ class Diagnosis:
     notes: tuple[str, ...]
     coarse: bool
     hidden: tuple[str, ...]
+    detected_after_km: float | None
+    """Distance of the diagnosed trips, in order, after which "none" first loses for good."""
+    control: dict[str, float]
 
 
 def diagnose(
@@ -94,7 +98,7 @@ def weigh(
         trips = [t for t in found if t is not None]
         notes = [*notes, *bad, *more]
         if not trips:
-            raise BadInput("--logs", "", "at least one trip of 60 s with speed; " + "; ".join(more or ["none was readable"]))
+            raise BadInput("--logs", "", "at least one trip of 45 s with speed; " + "; ".join(more or ["none was readable"]))
         coarse = not np.isfinite(trips[0].p.trace.engine_speed).any()
         layout = evidence.layout_of([*reference, *trips])
         calibration = evidence.calibrate(reference, layout, library, coarse=coarse)
@@ -105,12 +109,62 @@ def weigh(
         where = locate(trips, whitened, layout, calibration, posterior, library, reduced)
         shrinkage = shrink(trips, whitened, reference, layout, calibration, posterior, library, hide)
         dumb = unseen(trips, reduced, library, coarse)
+        delay = _delay(trips, whitened, layout, calibration, library, hide, thresholds)
+        control = _controls(trips, whitened, layout, calibration, library, posterior)
     return Diagnosis(
         car, tuple(reference), tuple(trips), library, layout, calibration, reduced, posterior, tuple(where), shrinkage,
-        tuple(dumb), tuple(notes), coarse, tuple(hide),
+        tuple(dumb), tuple(notes), coarse, tuple(hide), delay, control,
     )  # fmt: skip
 
 
+def _delay(trips, whitened, layout, calibration, library, hide, thresholds) -> float | None:
+    total, driven, since = np.zeros_like(whitened[0].gram), 0.0, None
+    for trip, w in zip(trips, whitened, strict=True):
+        total = total + w.gram
+        driven += float(trip.p.samples.motion.distance[-1]) / 1e3
+        found = evidence.posterior(evidence.reduce(total, layout, calibration), library, layout, hide, thresholds).none < 0.5
+        since = (since if since is not None else driven) if found else None
+    return since
+
+
+def _controls(trips, whitened, layout, calibration, library, posterior) -> dict[str, float]:
+    """Evidence that is left when the leading signature is put against the wrong data: shuffled blocks, another trip."""
+    if not posterior.fits:
+        return {}
+    leading = max(posterior.singles, key=lambda e: posterior.singles[e])
+    variant = posterior.fits[leading][0]
+    place = dict(zip((id(v) for v in library.variants), library.places, strict=True))[id(variant)]
+    index = np.arange(place.start, place.stop)
+    own = posterior.fits[leading][1].log_bayes
+    rng = np.random.default_rng(0)
+    out = {}
+    for name in ("shuffled_none", "other_trip_explained"):
+        gram = np.zeros_like(whitened[0].gram)
+        for number, (trip, w) in enumerate(zip(trips, whitened, strict=True)):
+            rows = w.rows.copy()
+            columns = layout.nuisance + index
+            channel = trip.p.layout.channel
+            for one in np.unique(channel):
+                at = np.flatnonzero(channel == one)
+                if name == "shuffled_none":
+                    rows[np.ix_(at, columns)] = rows[np.ix_(rng.permutation(at), columns)]
+                else:
+                    other = (number + 1) % len(trips)
+                    far = np.flatnonzero(trips[other].p.layout.channel == one)
+                    if len(far):
+                        take = far[np.linspace(0, len(far) - 1, len(at)).astype(int)][:: -1 if other == number else 1]
+                        rows[np.ix_(at, columns)] = whitened[other].rows[np.ix_(take, columns)]
+            scaled = w.own * w.own_sd
+            middle = np.linalg.inv(np.eye(scaled.shape[1]) + scaled.T @ scaled)
+            cross = scaled.T @ rows
+            gram += rows.T @ rows - cross.T @ middle @ cross
+        r = evidence.reduce(gram, layout, calibration)
+        out[name] = evidence.fit(r, index, library.sd[index]).log_bayes / max(own, 1.0)
+    return out
+
+
+SHORTEST = 45.0
+"""s: what a trip must last to be compared at all."""
 NEVER: Mapping[str, str] = {
     "turbo_lag": "no throttle position in the logs",
     "driver_lag": "no advice in the logs",
@@ -137,10 +191,11 @@ def _one(job: tuple[SensorLog, Car, Road | None, Mapping[str, float] | None]) ->
         vector = plant_parameters(car)
         library = Library(tuple(signatures.variants(car)), tuple(generic.library(car)))
         trace = reconstruct(log, car, road)
-        if trace.time[-1] - trace.time[0] < 60.0:
-            return None, f"{log.name}: {trace.time[-1] - trace.time[0]:.0f} s, too short to tell anything (60 s are needed)"
+        if trace.time[-1] - trace.time[0] < SHORTEST:
+            return None, f"{log.name}: {trace.time[-1] - trace.time[0]:.0f} s, too short to tell anything ({SHORTEST:.0f} s are needed)"
+        told = check(log, trace, car)
         p = prepare(trace, car, vector)
         if not len(p.layout.time):
             return None, f"{log.name}: nothing to compare (no fuel and no second speed)"
         coarse = not np.isfinite(trace.engine_speed).any()
-        return evidence.columns_of(p, car, vector, library, coarse=coarse, correction=correction), ""
+        return evidence.columns_of(p, car, vector, library, coarse=coarse, correction=correction), "; ".join(told)

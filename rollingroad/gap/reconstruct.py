@@ -57,6 +57,8 @@ class Trace:
     pulses: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     """t, width, energy of each injector pulse."""
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    second: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    """As `gps`, of a second receiver: t, speed."""
 
     @property
     def distance(self) -> NDArray[np.float64]:
@@ -110,11 +112,18 @@ def _from_columns(log: SensorLog, car: Car) -> Trace:
     n = len(grid)
     unknown = np.full(n, np.nan)
     a = np.gradient(v, step)
+    turning = log["engine_speed"]
+    omega, gear, cut = unknown.copy(), np.zeros(n, int), np.zeros(n, bool)
+    if len(turning) > 20:
+        omega = np.interp(grid, turning["t"], turning["speed"])
+        cut = (fuel < 0.02 * np.nanmedian(fuel)) & (v > 3.0)
+        gear = _gear(omega, v, np.asarray(car.gear_ratios) / car.wheel_radius, np.zeros(n, bool))
     gps, clock, origin = _gps(log)
     force, lateral, vertical = _body(log, car, grid)
     return Trace(
-        log.name, grid, step, v, a, fuel, unknown.copy(), np.zeros(n, int), np.zeros(n, bool), force, lateral, vertical,
+        log.name, grid, step, v, a, fuel, omega, gear, cut, force, lateral, vertical,
         unknown.copy(), np.zeros(n), unknown.copy(), np.zeros(n, bool), gps, clock, {}, origin,
+        {name: np.asarray(log["gps_second"][name], float) for name in ("t", "speed")} if len(log["gps_second"]) >= 10 else {},
     )  # fmt: skip
 
 
@@ -238,11 +247,13 @@ def _gps(log: SensorLog) -> tuple[dict[str, NDArray], dict[str, float], tuple[fl
     if len(rows) < 20:
         return {}, clock, (0.0, 0.0, 0.0)
     utc, arrived = rows["utc"] - rows["utc"][0], rows["t"]
-    slope, offset = _lower_line(utc, arrived)
-    if utc[-1] > 100:
+    packets = len(log["wheel"]) + len(log["injector"]) > 0
+    # a box stamps nothing that comes from the receiver: only when its bytes had arrived is known
+    slope, offset = _lower_line(utc, arrived) if packets else (1.0, 0.0)
+    if packets and utc[-1] > 100:
         clock["gps"] = slope - 1.0
         clock["gps_sd"] = 0.06 / np.sqrt(len(utc)) / max(utc.std(), 1.0) * 1.5 + 1e-7
-    t = offset + slope * utc - 0.045
+    t = offset + slope * utc - 0.045 if packets else np.asarray(arrived, float)
     origin = (float(np.median(rows["latitude"])), float(np.median(rows["longitude"])), float(np.median(rows["altitude"])))
     from sensors.projection import to_local
 

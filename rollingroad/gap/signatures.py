@@ -154,8 +154,14 @@ def _fixes(c: Context, sample: Array) -> Array:
 
 def _gps_lag(c: Context) -> list[Array]:
     if not c.p.trace.gps:
-        return [np.zeros(len(c.base))]
-    return [block_means(c.p, "gnss_speed", -_fixes(c, c.p.samples.motion.acceleration))]
+        return [np.zeros(len(c.base))] * 2
+    first = block_means(c.p, "gnss_speed", -_fixes(c, c.p.samples.motion.acceleration))
+    second = np.zeros(len(c.base))
+    if c.p.trace.second:
+        at = c.p.trace.second["t"] - c.p.trace.time[0]
+        m = c.p.samples.motion
+        second = block_means(c.p, "gnss_second", -np.interp(at - 0.2, m.time, m.acceleration))
+    return [first, second]
 
 
 def _clock(c: Context) -> list[Array]:
@@ -214,7 +220,7 @@ def variants(car: Car) -> list[Variant]:
         _sensor("wheel_radius", (Column("change", "", 0.0, 0.012), Column("growth", "", 0.0, 0.004)), _wheel_radius),
         _sensor("accelerometer_mount",
                 (Column("pitch", "rad", 0.0, 0.03), Column("scale", "", 0.0, 0.03), Column("drift", "m/s2/h", 0.0, 0.15)), _mount),
-        _sensor("gps_lag", (Column("seconds", "s", 0.2, 0.5),), _gps_lag),
+        _sensor("gps_lag", (Column("seconds", "s", 0.2, 0.5), Column("seconds_of_second_receiver", "s", 0.2, 1.0)), _gps_lag),
         _sensor("clock_skew", (Column("rate", "", 0.0, 1.5e-4),), _clock),
         _sensor("grade_map_error", (Column("bias", "", 0.0, 0.003),), lambda c: _grade_map(c)[:1]),
         _sensor("grade_map_error", (Column("shift", "m", 0.0, 15.0),), lambda c: _grade_map(c)[1:]),

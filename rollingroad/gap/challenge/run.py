@@ -36,6 +36,7 @@ def _one(job: tuple[Path, str, tuple[str, ...], bool]) -> dict[str, Any]:
     result = as_json(found) | {
         "case": case, "hide": list(hide), "wall_s": time.perf_counter() - start,
         "per_trip": [list(row) for row in found.shrinkage.per_trip], "after_by_effect": found.shrinkage.after_by_effect,
+        "detected_after_km": found.detected_after_km, "control": found.control,
     }  # fmt: skip
     if keep:
         import pickle
