@@ -6,6 +6,7 @@ from synthetic_run import drive, road
 
 from rollingroad.run_files import read_run, route_driven
 from vehicle_model.car.errors import BadInput
+from vehicle_model.car.route import CANYON, OPEN_SKY, TUNNEL
 
 
 def test_the_route_driven_is_the_road():
@@ -16,6 +17,8 @@ def test_the_route_driven_is_the_road():
         assert np.allclose(getattr(rebuilt, name), np.interp(rebuilt.s, truth.s, getattr(truth, name)), atol=tolerance)
     held = truth.sky[np.searchsorted(truth.s, rebuilt.s, side="right") - 1]
     assert (rebuilt.sky != held).mean() < 0.01
+    changes = np.flatnonzero(np.diff(rebuilt.sky))
+    assert rebuilt.sky[changes + 1].tolist() == [CANYON, OPEN_SKY, TUNNEL, OPEN_SKY]
 
 
 def test_a_folder_without_a_run_is_bad_input(tmp_path):

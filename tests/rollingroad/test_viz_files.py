@@ -3,6 +3,7 @@
 import dataclasses
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from synthetic_run import drive, observe, plan, road
 
@@ -54,6 +55,13 @@ def test_records_that_arrive_late_keep_the_filter_s_order(estimate, tmp_path):
     shuffled = dataclasses.replace(estimate, records=records)
     write_estimate(shuffled, tmp_path / "a.parquet")
     assert read_estimate(tmp_path / "a.parquet").records.tobytes() == records.tobytes()
+
+
+def test_each_row_holds_the_measurements_that_had_come_in_by_then(estimate, tmp_path):
+    write_estimate(estimate, tmp_path / "a.parquet")
+    rows = pq.read_table(tmp_path / "a.parquet", columns=["time", "records"]).to_pylist()
+    for before, row in zip([{"time": -1.0}, *rows[:-2]], rows[:-1], strict=True):
+        assert all(before["time"] < record["t"] <= row["time"] for record in row["records"])
 
 
 @pytest.mark.parametrize(("name", "write", "read"), CASES)

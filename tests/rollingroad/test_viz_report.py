@@ -111,11 +111,15 @@ def test_both_drawings_hold_the_chart_s_data(run):
 
 
 def test_stops_survive_the_thinning_of_the_speed_curve(run):
-    """A stop is short in distance and long in time; a curve thinned over distance would miss it."""
-    speed_line = next(
-        mark for mark in views.speed_chart(run).panels[0].marks if getattr(mark, "name", "") == "baseline"
-    )
-    assert speed_line.y.min() == pytest.approx(3.6 * run.baseline.speed.min(), abs=0.5)
+    """GIVEN 20 s at rest, a point in distance and long in time, THEN the curve over distance goes down to nought."""
+    trip = run.baseline
+    at_rest = np.abs(trip.time - 200.0) < 10.0
+    place = np.where(at_rest, trip.distance[at_rest][0], trip.distance)
+    stopped = trip.channels | {"speed": np.where(at_rest, 0.0, trip.speed), "distance": place}
+    chart = views.speed_chart(dataclasses.replace(run, baseline=dataclasses.replace(trip, channels=stopped)))
+    line = next(mark for mark in chart.panels[0].marks if isinstance(mark, Line) and mark.name == "baseline")
+    assert line.y.min() == 0.0
+    assert len(line.x) < 3500
 
 
 def test_interval_of_the_thrust_error_covers_a_known_noise(run):
