@@ -1,5 +1,6 @@
 """Who else is on the road: journeys drawn so that the ego meets traffic, at a given mean number of vehicles."""
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -55,7 +56,7 @@ def journeys(scenario: Scenario, network: Network, rng: np.random.Generator) -> 
         if len(way) < 2 or length < 300.0:
             continue
         names = tuple(graph.names[i] for i in way)
-        waits = np.array([SIGNAL_DELAY * ((a, b) in signals) for a, b in zip(names, names[1:], strict=False)] + [0.0])
+        waits = np.array([SIGNAL_DELAY * ((a, b) in signals) for a, b in itertools.pairwise(names)] + [0.0])
         shared = sum(graph.length[i] for i in way if i in ego) / graph.length[list(ego)].sum()
         weight = (AWAY if shared == 0.0 else 1.0) + scenario.traffic.corridor * shared
         found.append(Journey(names, np.cumsum(graph.duration[way] * CONGESTION + waits), weight))
@@ -70,8 +71,8 @@ def _signal_arcs(net: NetFile) -> set[tuple[str, str]]:
 
 def _fringe(net: NetFile, graph: WayGraph) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Edges that nothing leads to, and edges that lead nowhere."""
-    inward = np.asarray((graph.times > 0).sum(axis=0)).ravel()
-    outward = np.asarray((graph.times > 0).sum(axis=1)).ravel()
+    inward = np.asarray(graph.times.getnnz(axis=0)).ravel()
+    outward = np.asarray(graph.times.getnnz(axis=1)).ravel()
     return np.flatnonzero((inward == 0) & (outward > 0)), np.flatnonzero((outward == 0) & (inward > 0))
 
 
@@ -101,8 +102,8 @@ def _ends(net: NetFile, graph: WayGraph, network: Network, rng: np.random.Genera
 def demand(scenario: Scenario, network: Network, seed: int, ego_type: str, horizon: float) -> str:
     """Return SUMO's route file: the ego, those under way at the start and those who set out until `horizon` (s).
 
-    `ego_type` is the XML of the vType named `ego`. By Little's law the rate is number / mean travel time, so that the mean
-    number in the network is `scenario.traffic.vehicles`.
+    `ego_type` is the XML of the vType named `ego`. By Little's law the rate is number / mean travel time, so that
+    the mean number in the network is `scenario.traffic.vehicles`.
     """
     traffic = scenario.traffic
     rng = generator(seed, "traffic")

@@ -107,9 +107,9 @@ def drive(
 ) -> Drive:
     """Drive the scenario's route once in its traffic and return what happened.
 
-    `advisor` None: the baseline driver alone. `perfect`: the driver follows advice at once and exactly (the oracle's). The
-    network is built in a temporary folder unless one is given. Same scenario, car and seed: same bits; with an advisor,
-    the same bits until its first advice. One libsumo per process: call it in a process of its own to run two at once.
+    `advisor` None: the baseline driver alone. `perfect`: the driver follows advice at once and exactly (the oracle's).
+    The network is built in a temporary folder unless one is given. Same scenario, car and seed: same bits; with an
+    advisor, the same bits until its first advice. One libsumo per process: call it in a process of its own to run two at once.
     Raises BadInput (scenario), MirrorError (plant and SUMO disagree: a defect, never data).
     """
     if advisor is not None:
@@ -154,7 +154,7 @@ def _own_settings(scenario: Scenario) -> dict[str, float]:
 
 
 def _ego_type(style: Style) -> str:
-    # The models' own noise is off: SUMO plans at most what it was told, so that noise would only ever slow the ego down.
+    # The models' own noise is off: SUMO plans at most what it was told; noise would only ever slow the ego down.
     # Krauss's dawdling is the driver's (`Style.dawdling`) instead.
     noiseless = {"Krauss": 'sigma="0"', "EIDM": 'sigmaleader="0" sigmagap="0" sigmaerror="0"'}.get(style.model, "")
     return (

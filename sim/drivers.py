@@ -78,7 +78,7 @@ class Foot:
         self._pedal = 0.0
 
     def force(self, wish: float, plant: Plant, *, coast: bool = False) -> float:
-        """Return the force wanted at the wheels (N) for `wish` (m/s2); `coast`: the foot is off, only the brake may help."""
+        """Return the force wanted at the wheels (N) for `wish` (m/s2); `coast`: foot off, only the brake may help."""
         self._late.append(wish)
         acceleration = min(wish, self._late.popleft())
         self._load += self._gain * (plant.road_load - self._load)

@@ -105,7 +105,8 @@ def read(path: Path) -> NetFile:
         elif tag == "connection":
             raw_links.append(dict(get))
         elif tag == "location":
-            offset = tuple(float(part) for part in get["netOffset"].split(","))  # type: ignore[assignment]
+            east, north = (float(part) for part in get["netOffset"].split(","))
+            offset = (east, north)
         if tag in ("edge", "junction", "connection", "tlLogic"):
             if tag != "edge":
                 params = {}

@@ -1,5 +1,6 @@
 """From a scenario's road to a compiled SUMO network with the ego's way through it."""
 
+import itertools
 import os
 import subprocess
 import tomllib
@@ -91,13 +92,10 @@ def _built_in(scenario: Scenario, directory: Path) -> Network:
         known = ", ".join(facts["sections"])
         raise BadInput(scenario.source or name, "road.section", f"no {scenario.road.section}; expected one of {known}")
     signals = facts["signals"]
-    net = _netconvert(
-        ["--node-files", str(folder / f"{name}.nod.xml"), "--edge-files", str(folder / f"{name}.edg.xml")]
-        + ["--no-turnarounds.except-deadend", "--precision", "4", "--offset.disable-normalization"]
-        + ["--junctions.corner-detail", "5", "--tls.cycle.time", str(signals["cycle"])],
-        directory,
-        name,
-    )
+    arguments = ["--node-files", str(folder / f"{name}.nod.xml"), "--edge-files", str(folder / f"{name}.edg.xml")]
+    arguments += ["--no-turnarounds.except-deadend", "--precision", "4", "--offset.disable-normalization"]
+    arguments += ["--junctions.corner-detail", "5", "--tls.cycle.time", str(signals["cycle"])]
+    net = _netconvert(arguments, directory, name)
     offsets = "".join(
         f'  <tlLogic id="{junction}" programID="0" offset="{seconds}"/>\n'
         for junction, seconds in section.get("offsets", signals["offsets"]).items()
@@ -107,7 +105,7 @@ def _built_in(scenario: Scenario, directory: Path) -> Network:
     graph = way_graph(read(net))
     stations = [section["start"][0], *section.get("via", []), section["end"][0]]
     way = [graph.index[stations[0]]]
-    for here, there in zip(stations, stations[1:], strict=False):
+    for here, there in itertools.pairwise(stations):
         _, before = graph.ways(np.array([graph.index[here]]))
         way += unwind(before[0], graph.index[here], graph.index[there])[1:]
     return Network(
@@ -153,24 +151,13 @@ def _from_osm(scenario: Scenario, directory: Path) -> Network:
     typemap = Path(sumo.SUMO_HOME) / "data" / "typemap" / "osmNetconvert.typ.xml"
     variants = directory / "variants.typ.xml"
     variants.write_text(_variants(typemap))
-    net_path = _netconvert(
-        [
-            "--osm-files",
-            str(extract),
-            "--type-files",
-            f"{typemap},{variants}",
-            "--osm.elevation",
-            "true",
-            "--geometry.remove",
-        ]
-        + ["--roundabouts.guess", "--junctions.join", "--ramps.guess", "--tls.guess-signals", "--tls.join"]
-        + ["--tls.discard-simple", "--no-turnarounds.except-deadend", "--keep-edges.by-vclass", "passenger"]
-        + ["--osm.extra-attributes", "tunnel,layer", "--precision", "3"]
-        # A local transverse Mercator: north is up and a metre is a metre in the middle of the extract.
-        + ["--proj", f"+proj=tmerc +lat_0={latitude:.6f} +lon_0={longitude:.6f} +k=1 +ellps=WGS84 +units=m"],
-        directory,
-        extract,
-    )
+    arguments = ["--osm-files", str(extract), "--type-files", f"{typemap},{variants}", "--osm.elevation", "true"]
+    arguments += ["--geometry.remove", "--roundabouts.guess", "--junctions.join", "--ramps.guess"]
+    arguments += ["--tls.guess-signals", "--tls.join", "--tls.discard-simple", "--no-turnarounds.except-deadend"]
+    arguments += ["--keep-edges.by-vclass", "passenger", "--osm.extra-attributes", "tunnel,layer", "--precision", "3"]
+    # A local transverse Mercator: north is up and a metre is a metre in the middle of the extract.
+    arguments += ["--proj", f"+proj=tmerc +lat_0={latitude:.6f} +lon_0={longitude:.6f} +k=1 +ellps=WGS84 +units=m"]
+    net_path = _netconvert(arguments, directory, extract)
     net = read(net_path)
     if not net.edges:
         raise BadInput(extract, "", "no drivable roads in it; expected an OpenStreetMap extract with roads for cars")

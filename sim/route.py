@@ -1,5 +1,7 @@
 """The ego's road as it truly is, made smooth from the lanes of a compiled network."""
 
+import itertools
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
@@ -28,7 +30,7 @@ OVERRUN = 2.0
 def lane_path(net: NetFile, edges: tuple[str, ...]) -> list[tuple[int, int, Link | None]]:
     """For each edge the lane entered on, the lane left on and the link taken, with the fewest lane changes."""
     cost = {lane: (0.0, []) for lane in range(len(net.edges[edges[0]].lanes))}
-    for here, there in zip(edges, edges[1:], strict=False):
+    for here, there in itertools.pairwise(edges):
         onward: dict[int, tuple[float, list]] = {}
         for link in net.links[here, there]:
             for lane, (spent, steps) in cost.items():
@@ -70,8 +72,8 @@ def true_route(network: Network) -> Route:
     """Return the ego's route over SUMO's distance: from 0 at its start to `OVERRUN` m beyond its destination.
 
     Headings of the lanes driven are smoothed, altitudes too (`Network.altitude_smoothing`), grades clipped to
-    `Network.grade_limit`; position and altitude are the integrals of heading and pitch over the distance, so that all of
-    them agree exactly; the line is steered back to the drawn one, from which it differs by a few metres.
+    `Network.grade_limit`; position and altitude are the integrals of heading and pitch over the distance, so
+    that all of them agree exactly; the line is steered back to the drawn one, from which it differs by a few metres.
     """
     line = _Line(network)
     s = np.arange(0.0, np.floor(line.end / STEP) * STEP + 0.5 * STEP, STEP)
@@ -171,7 +173,7 @@ def _heading(
     limit: NDArray[np.float64],
     turns: list[tuple[float, float]],
 ) -> NDArray[np.float64]:
-    """Smooth heading of the line x, y: narrowly at turns, widely on fast roads, hairpins opened to what a car can turn."""
+    """Smooth heading of the line x, y: narrowly at turns, widely on fast roads, hairpins as a car can turn."""
     raw = np.unwrap(np.arctan2(np.diff(x), np.diff(y)))
     raw = np.append(raw, raw[-1])
     at_turn = np.zeros(len(s))

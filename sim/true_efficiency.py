@@ -19,8 +19,8 @@ def true_efficiency(
 ) -> Callable[[Array, Array], Array]:
     """Return eta(engine speed rad/s, torque N m): broadcasts; NaN where the engine cannot be.
 
-    Torque is T = thrust x speed / engine speed, at the wheels' level. In a cell of 50 rpm x 2 N m the gears weigh by the time
-    that `trips` spent there in each, clutch locked; in cells never visited by their time at that engine speed, else alike.
+    Torque is T = thrust x speed / engine speed, at the wheels' level. In a cell of 50 rpm x 2 N m the gears weigh by
+    the time that `trips` spent there in each, clutch locked; in cells never visited by their time at that engine speed.
     """
     p = plant_parameters(car, settings)
     gears = len(car.gear_ratios)

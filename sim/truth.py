@@ -17,10 +17,10 @@ SPEEDS, TORQUES = 60, 45
 def true_fuel_map(
     car: Car, settings: Mapping[str, float] | None = None, gear_weights: Sequence[float] | None = None
 ) -> FuelMap:
-    """Return the plant's steady fuel map at wheel level, averaged over the gears: what perfect knowledge would plan with.
+    """Return the plant's steady fuel map at wheel level, averaged over the gears: what an oracle plans with.
 
-    `settings` are the plant's effects; `gear_weights` (gears,) weigh the gears (alike by default): each has its own losses,
-    and a map over engine speed and torque alone cannot hold them all.
+    `settings` are the plant's effects; `gear_weights` (gears,) weigh the gears (alike by default): each has its own
+    losses, and a map over engine speed and torque alone cannot hold them all.
     """
     p = plant_parameters(car, settings)
     count = len(car.gear_ratios)

@@ -1,6 +1,6 @@
 """Drawing roads the way a road engineer does: an alignment of bends and grades, cut into edges at chainages.
 
-The output is SUMO's plain XML (nodes and edges with x, y, z shapes), which netconvert compiles. East is x, north is y, metres.
+The output is SUMO's plain XML (nodes and edges with x, y, z shapes), which netconvert compiles. East is x, north y, m.
 """
 
 from collections.abc import Sequence

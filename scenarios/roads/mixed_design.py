@@ -1,9 +1,10 @@
 """The road `mixed`: town, hills, tunnel, motorway. `python -m scenarios.roads.mixed_design` writes its plain XML.
 
-The ego drives: Mill Lane - Main Street (seven signals, four of them coordinated, a street canyon) - country road with a village,
-grades to 8 % and a 600 m tunnel - motorway at 130 km/h - exit, two more signals, car park.
+The ego drives: Mill Lane - Main Street (seven signals, four of them coordinated, a street canyon) - country road with
+a village, grades to 8 % and a 600 m tunnel - motorway at 130 km/h - exit, two more signals, car park.
 """
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,11 @@ import numpy as np
 from scenarios.roads.draft import Alignment, Draft, alignment, ramp
 
 QUARTER = np.pi / 2.0
+# Bends as (length m, turn degrees).
+MAIN_STREET = ((620, 0), (420, 12), (500, -6), (560, 10), (500, 0))
+WINDING_UPHILL = ((300, -35), (260, 62), (180, -48), (320, 20), (200, -62), (240, 75), (150, -20))
+VILLAGE_AND_DOWN = ((500, 10), (220, -80), (260, 92), (180, -55), (330, 30))
+TUNNEL_AND_LAST_BENDS = ((900, 14), (250, -50), (280, 60), (330, -35))
 
 
 def town_and_hills(draft: Draft) -> Alignment:
@@ -21,14 +27,37 @@ def town_and_hills(draft: Draft) -> Alignment:
     main = alignment(
         junction,
         90.0,
-        [(620, 0), (420, 12), (500, -6), (560, 10), (500, 0)]  # Main Street, 2,600 m
-        + [(300, -35), (260, 62), (180, -48), (320, 20), (200, -62), (240, 75), (150, -20)]  # uphill, winding
-        + [(500, 10), (220, -80), (260, 92), (180, -55), (330, 30)]  # village, then down
-        + [(900, 14), (250, -50), (280, 60), (330, -35)],  # tunnel and the last bends
-        [(0, 0.4), (350, 1.2), (700, 2.5), (1050, 1.0), (1420, -1.5), (1850, -0.8), (2250, 1.5), (2600, 2.0)]
-        + [(2900, 5.5), (3150, 7.8), (3450, 7.6), (3700, 4.0), (3950, -1.0), (4150, 3.0), (4400, 0.6), (4750, 0.3)]
-        + [(5000, -3.5), (5250, -7.6), (5600, -7.8), (5900, -3.0), (6080, 1.0), (6400, 1.2), (6700, 1.0), (7000, -2.5)]
-        + [(7300, -6.0), (7600, -3.0), (7900, 1.5), (8200, 0.5)],
+        [*MAIN_STREET, *WINDING_UPHILL, *VILLAGE_AND_DOWN, *TUNNEL_AND_LAST_BENDS],
+        [
+            (0, 0.4),
+            (350, 1.2),
+            (700, 2.5),
+            (1050, 1.0),
+            (1420, -1.5),
+            (1850, -0.8),
+            (2250, 1.5),
+            (2600, 2.0),
+            (2900, 5.5),
+            (3150, 7.8),
+            (3450, 7.6),
+            (3700, 4.0),
+            (3950, -1.0),
+            (4150, 3.0),
+            (4400, 0.6),
+            (4750, 0.3),
+            (5000, -3.5),
+            (5250, -7.6),
+            (5600, -7.8),
+            (5900, -3.0),
+            (6080, 1.0),
+            (6400, 1.2),
+            (6700, 1.0),
+            (7000, -2.5),
+            (7300, -6.0),
+            (7600, -3.0),
+            (7900, 1.5),
+            (8200, 0.5),
+        ],
     )
     signals = {"J1": 0, "J2": 330, "J3": 680, "J4": 1050, "J5": 1420, "J6": 1850, "J7": 2250}
     draft.node("J1", junction, "traffic_light")
@@ -43,7 +72,7 @@ def town_and_hills(draft: Draft) -> Alignment:
         draft.node(name, place, "traffic_light")
         draft.side_road(f"{name}_north", name, place, heading - QUARTER, 190.0, 50 if name in ("J3", "J6") else 30)
         draft.side_road(f"{name}_south", name, place, heading + QUARTER, 170.0, 50 if name in ("J3", "J6") else 30)
-    for here, there in zip(names, names[1:], strict=False):
+    for here, there in itertools.pairwise(names):
         lanes = 2 if signals[here] in (330, 680, 1050) else 1
         draft.road(
             f"main_{here}", (here, there), main, (signals[here], signals[there]), limit=50, lanes=lanes, priority=7
@@ -91,8 +120,19 @@ def motorway(draft: Draft, main: Alignment) -> None:
         start,
         np.rad2deg(bearing),
         [(1500, 0), (1300, 26), (900, -10), (1400, -30), (1300, 16), (400, 0)],
-        [(0, -0.3), (1000, -0.4), (1700, -2.0), (2300, -3.5), (2800, -1.0), (3400, 2.8), (4000, 4.2), (4500, 1.5)]
-        + [(5100, -2.0), (5700, 0.4), (6800, 0.2)],
+        [
+            (0, -0.3),
+            (1000, -0.4),
+            (1700, -2.0),
+            (2300, -3.5),
+            (2800, -1.0),
+            (3400, 2.8),
+            (4000, 4.2),
+            (4500, 1.5),
+            (5100, -2.0),
+            (5700, 0.4),
+            (6800, 0.2),
+        ],
     )
     merge, lane_drop, lane_add, diverge, far = 1420.0, 1720.0, 5300.0, 5560.0, mainline.length
 

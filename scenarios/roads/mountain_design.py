@@ -1,4 +1,6 @@
-"""The road `mountain`: a pass with hairpins between two villages. `python -m scenarios.roads.mountain_design` writes it.
+"""The road `mountain`: a pass with hairpins between two villages.
+
+`python -m scenarios.roads.mountain_design` writes its plain XML.
 
 The ego drives from the car park of the lower village over the pass (some 330 m higher) to the square of the upper one.
 """
@@ -12,7 +14,17 @@ from scenarios.roads.draft import Draft, alignment
 QUARTER = np.pi / 2.0
 HAIRPINS = [(420, 12), (75, 165), (380, -8), (80, -170), (350, 14), (75, 168), (400, -14), (85, -160), (360, 10)]
 BENDS = [(300, -40), (350, 55), (280, -48), (400, 30), (500, -20), (260, 60), (380, -35), (300, 25), (450, -15)]
-GRADES = [(0, 0.8), (500, 1.5), (800, 5.0), (1100, 8.5), (1700, 9.0), (2300, 8.0), (2900, 9.2), (3400, 7.5), (3900, 8.4)]
+GRADES = [
+    (0, 0.8),
+    (500, 1.5),
+    (800, 5.0),
+    (1100, 8.5),
+    (1700, 9.0),
+    (2300, 8.0),
+    (2900, 9.2),
+    (3400, 7.5),
+    (3900, 8.4),
+]
 GRADES += [(4400, 6.0), (4800, 1.0), (5100, -2.0), (5500, -6.5), (6200, -7.5), (6800, -5.0), (7300, -7.0), (7900, -3.0)]
 GRADES += [(8300, -0.5), (9000, 0.3)]
 

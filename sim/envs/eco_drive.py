@@ -30,9 +30,9 @@ ACCELERATION = (-3.0, 2.5)
 class EcoDrive(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     """The agent is the driver's right foot; SUMO's safety rules, the gearbox of the baseline and the plant stay.
 
-    Observation, Box (8 + 10,) float32: speed (m/s), gear, gap to the leader (m, at most 200), leader's speed minus own (m/s),
-    distance of the next signal (m, at most 200), whether it is red or yellow (0, 1), distance to go (km), fuel power (10 kW);
-    then speed limit (m/s) and pitch (rad) at 0, 50, 100, 200 and 400 m ahead.
+    Observation, Box (8 + 10,) float32: speed (m/s), gear, gap to the leader (m, at most 200), leader's speed minus own
+    (m/s), distance of the next signal (m, at most 200), whether it is red or yellow (0, 1), distance to go (km), fuel
+    power (10 kW); then speed limit (m/s) and pitch (rad) at 0, 50, 100, 200 and 400 m ahead.
     Action, Box (1,) in [-1, 1]: the acceleration wanted, -3 to 2.5 m/s2; the car does at most what traffic allows.
     Reward per step: -(fuel burnt + `time_value` x time) / 10 kJ. Ends on arrival; truncated if it never arrives.
     `info`: fuel_J, time_s, distance_m since the start; at the end also the `Drive`.
@@ -62,7 +62,8 @@ class EcoDrive(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         top = 100.0
         low = [0, 0, 0, -top, 0, 0, 0, 0] + [0.0] * len(AHEAD) + [-0.5] * len(AHEAD)
         high = [top, 12, SIGHT, top, SIGHT, 1, 1000, 100] + [top] * len(AHEAD) + [0.5] * len(AHEAD)
-        self.observation_space = spaces.Box(np.array(low, np.float32), np.array(high, np.float32), dtype=np.float32)
+        self._low, self._high = np.array(low, np.float32), np.array(high, np.float32)
+        self.observation_space = spaces.Box(self._low, self._high, dtype=np.float32)
         self.action_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
         self._drive: Generator[tuple[View, Plant], Suggestion | None, Drive] | None = None
 
@@ -128,4 +129,4 @@ class EcoDrive(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             *np.interp(place, route.s, route.speed_limit),
             *np.interp(place, route.s, route.pitch),
         ]
-        return np.clip(np.array(values, np.float32), self.observation_space.low, self.observation_space.high)
+        return np.clip(np.array(values, np.float32), self._low, self._high)

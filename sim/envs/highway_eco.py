@@ -61,14 +61,14 @@ class PlantVehicle(MDPVehicle):
 class HighwayEco(HighwayEnv):
     """highway-env's `highway-v0` with a fuel bill.
 
-    Observations and actions are highway-env's (`config`: Kinematics, DiscreteMetaAction by default). Reward per policy step:
-    `collision_reward` if crashed, else 1 - (fuel burnt + time_value x time) / 100 kJ, so that surviving is worth something.
+    Observations and actions are highway-env's (`config`: Kinematics, DiscreteMetaAction by default). Reward per policy
+    step: `collision_reward` if crashed, else 1 - (fuel burnt + time_value x time) / 100 kJ, so that it pays to survive.
     `info["fuel_J"]`, `info["distance_m"]` since the start.
     """
 
     def __init__(self, config: dict | None = None, render_mode: str | None = None, car: str = "smart") -> None:
         self._car = read_car(car)
-        super().__init__(config, render_mode)
+        super().__init__(config or {}, render_mode)
 
     @classmethod
     def default_config(cls) -> dict:

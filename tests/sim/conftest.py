@@ -41,7 +41,8 @@ def ladder_osm(rungs: int = 12) -> str:
         for i in range(rungs):
             lat, lon = 49.60 + 0.004 * side, 6.10 + 0.00622 * i
             rows.append(
-                f'<node id="{100 * side + i + 1}" lat="{lat:.6f}" lon="{lon:.6f}"><tag k="ele" v="{250 + 9 * i}"/></node>'
+                f'<node id="{100 * side + i + 1}" lat="{lat:.6f}" lon="{lon:.6f}">'
+                f'<tag k="ele" v="{250 + 9 * i}"/></node>'
             )
     number = 1000
     for side, kind in ((0, "primary"), (1, "secondary")):

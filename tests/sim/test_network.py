@@ -1,5 +1,6 @@
 """The road that ships is the road that was promised; extracts become roads or a clear refusal."""
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -47,7 +48,7 @@ def test_route_lies_on_the_drawn_road(mixed: Network) -> None:
     drawn = []
     for name in mixed.edges:
         shape = net.edges[name].lanes[0].shape[:, :2] - np.array(net.offset)
-        for a, b in zip(shape, shape[1:], strict=False):
+        for a, b in itertools.pairwise(shape):
             drawn.append(np.linspace(a, b, int(np.hypot(*(b - a))) + 2))
     gap, _ = cKDTree(np.concatenate(drawn)).query(np.column_stack([route.east, route.north]))
     assert gap.mean() < 2.0
