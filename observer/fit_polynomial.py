@@ -146,21 +146,25 @@ def fit_polynomial(cells: Cells, name: str, target: str, powers: tuple[tuple[int
 
 
 def cut_at_minimum(fit: Fit, cells: Cells, car: Car) -> CutFit:
-    """Remedy 2: going outwards from the cells along both axes, keep the fit up to its first minimum (or zero)."""
+    """Remedy 2: going outwards from the cells along both axes, keep the fit up to its first minimum (or zero).
+
+    A climb above the best efficiency among the cells is cut as well: it is the extrapolation's.
+    """
     omega = np.linspace(0.5 * car.engine.idle_speed, 1.1 * car.engine.redline_speed, 161)
     torque = np.linspace(0.0, 1.5 * car.engine.max_torque, 161)
     eta = fit.efficiency(*np.meshgrid(omega, torque, indexing="ij"))
     column = np.abs(omega[:, None] - cells.engine_speed).argmin(axis=0)
     row = np.abs(torque[:, None] - cells.torque).argmin(axis=0)
-    kept = _falling_outwards(eta, column, row) & _falling_outwards(eta.T, row, column).T
+    ceiling = 1.02 * float(fit.efficiency(cells.engine_speed, cells.torque).max())
+    kept = _falling_outwards(eta, column, row, ceiling) & _falling_outwards(eta.T, row, column, ceiling).T
     cut = CutFit(f"{fit.name} cut", fit, omega, torque, kept, 0.0, 0.0)
     r2 = r_squared(cells.efficiency, cut.efficiency(cells.engine_speed, cells.torque))
     return replace(cut, r2=r2, r2_efficiency=r2)
 
 
-def _falling_outwards(eta: NDArray, along: NDArray, line: NDArray) -> NDArray[np.bool_]:
+def _falling_outwards(eta: NDArray, along: NDArray, line: NDArray, ceiling: float) -> NDArray[np.bool_]:
     """Along the first axis of `eta` (n, m): True between the cells (`along`, `line`) and, outwards, while it is
-    positive and has not begun to rise again after falling.
+    positive, at most `ceiling`, and has not begun to rise again after falling.
 
     A line without cells takes the extent of the nearest one that has.
     """
@@ -170,17 +174,17 @@ def _falling_outwards(eta: NDArray, along: NDArray, line: NDArray) -> NDArray[np
         here = along[line == seen[np.abs(seen - number).argmin()]]
         low, high = int(here.min()), int(here.max())
         kept[low : high + 1, number] = True
-        kept[high:, number] = _until_minimum(eta[high:, number])
-        kept[: low + 1, number] = _until_minimum(eta[low::-1, number])[::-1]
+        kept[high:, number] = _until_minimum(eta[high:, number], ceiling)
+        kept[: low + 1, number] = _until_minimum(eta[low::-1, number], ceiling)[::-1]
     return kept
 
 
-def _until_minimum(values: NDArray) -> NDArray[np.bool_]:
-    """True from the start over any climb and the fall after it, up to the first minimum or zero."""
+def _until_minimum(values: NDArray, ceiling: float) -> NDArray[np.bool_]:
+    """True from the start over any climb and the fall after it, up to the first minimum, zero or `ceiling`."""
     change = np.diff(values)
     falling = np.maximum.accumulate(np.append(False, change < 0.0))
     risen_again = np.append(False, (change > 0.0) & falling[:-1])
-    return ~np.maximum.accumulate(risen_again | (values <= 0.0))
+    return ~np.maximum.accumulate(risen_again | (values <= 0.0) | (values > ceiling))
 
 
 def _columns(omega: NDArray, torque: NDArray, powers: tuple[tuple[int, int], ...]) -> NDArray[np.float64]:

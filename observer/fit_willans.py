@@ -23,6 +23,8 @@ ORDERS = (3, 3, 2)
 """Degree in omega of a, b and c."""
 PRIOR_INNER_EFFICIENCY, PRIOR_FRICTION = 0.36, 1.6e5
 """Where nothing was seen: marginal efficiency, and friction mean pressure in Pa (ordinary spark-ignition engines)."""
+WIDE_SHARE, WIDE_LENGTH = 4.0, 3.0
+"""Variance and length of the kernel's wide part over those of its bumps."""
 SEARCH_CELLS = 350
 """Cells that the search for the kernel's length scales and amplitude looks at."""
 PRIOR_WEIGHT = 0.15
@@ -80,7 +82,9 @@ class KernelFit(Fit):
         where = np.stack([omega.ravel(), torque.ravel()], axis=1) / self.lengths
         cross = _kernel(where, self.points, self.amplitude)
         inner = solve_triangular(self.factor, cross.T, lower=True)
-        variance = np.maximum(self.amplitude**2 - np.sum(inner**2, axis=0), 0.0).reshape(omega.shape)
+        variance = np.maximum((1.0 + WIDE_SHARE) * self.amplitude**2 - np.sum(inner**2, axis=0), 0.0).reshape(
+            omega.shape
+        )
         shared = self.base.shared_error(omega, torque, self.common_error)
         return self.efficiency(omega, torque) * np.sqrt(variance + shared**2)
 
@@ -98,13 +102,13 @@ def fit_willans(cells: Cells, car: Car, limits: Limits) -> WillansFit:
         idle = limits.idle_power / limits.idle_speed
         rows.append(_rows(np.array([limits.idle_speed]), np.zeros(1), low, high, scale) / (0.1 * idle))
         wanted.append(np.array([10.0]))
-    # the prior in the coefficients' own size, and in their second differences: smooth in omega
+    # the prior in the coefficients' own size, and in their second differences: smooth in omega as it is
     size = np.concatenate([np.full(order + 1, part) for order, part in zip(ORDERS, _sizes(prior), strict=True)])
     rows.append(PRIOR_WEIGHT * np.diag(1.0 / size) * 10.0)
     wanted.append(PRIOR_WEIGHT * prior / size * 10.0)
     bend = _second_differences()
     rows.append(PRIOR_WEIGHT * 40.0 * bend / (np.abs(bend) @ size)[:, None])
-    wanted.append(np.zeros(len(bend)))
+    wanted.append(PRIOR_WEIGHT * 40.0 * (bend @ prior) / (np.abs(bend) @ size))
     least = np.concatenate([np.full(order + 1, bound) for order, bound in
                             zip(ORDERS, (0.1 * prior[0], scale / 0.55, 0.0), strict=True)])  # fmt: skip
     solution = lsq_linear(np.vstack(rows), np.concatenate(wanted), bounds=(least, np.inf), method="bvls")
@@ -162,7 +166,7 @@ def _prior(car: Car) -> NDArray[np.float64]:
     """Coefficients of an ordinary engine of this displacement."""
     friction = PRIOR_FRICTION * car.engine.displacement / (4.0 * np.pi) / PRIOR_INNER_EFFICIENCY
     marginal = car.engine.max_torque / PRIOR_INNER_EFFICIENCY
-    values = (friction * np.array([0.9, 0.95, 1.1, 1.4]), np.full(4, marginal), np.full(3, 0.05 * marginal))
+    values = (friction * np.array([0.95, 1.0, 1.25, 1.8]), np.full(4, marginal), np.full(3, 0.05 * marginal))
     return np.concatenate(values)
 
 
@@ -183,6 +187,6 @@ def _second_differences() -> NDArray[np.float64]:
 
 
 def _kernel(a: NDArray, b: NDArray, amplitude: float) -> NDArray[np.float64]:
-    """Squared exponential in scaled coordinates, (n, m)."""
+    """Squared exponentials in scaled coordinates, (n, m): bumps, and a wide one for where the base form drifts off."""
     distance = (a[:, None, 0] - b[None, :, 0]) ** 2 + (a[:, None, 1] - b[None, :, 1]) ** 2
-    return amplitude**2 * np.exp(-0.5 * distance)
+    return amplitude**2 * (np.exp(-0.5 * distance) + WIDE_SHARE * np.exp(-0.5 * distance / WIDE_LENGTH**2))
