@@ -5,6 +5,7 @@ Printed equations are departed from where ERRATA says so: B.7 (- Q), B.8 (S_0 = 
 """
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -13,7 +14,7 @@ from scipy.linalg import expm
 
 from vehicle_model.car.errors import BadInput
 
-Matrix = NDArray[np.float64]
+Matrix = NDArray[Any]
 
 
 def riccati_flow(a: Matrix, b: Matrix, q: Matrix, r: Matrix, s_end: Matrix, time_to_go: float) -> Matrix:
@@ -37,7 +38,7 @@ def continuous_regulator(
     Raises BadInput when feedback cannot stabilise (A, B).
     """
     s = np.zeros_like(q)
-    step = 1.0 / max(np.linalg.norm(a), 1.0)
+    step = 1.0 / max(float(np.linalg.norm(a)), 1.0)
     for _ in range(20_000):
         new = riccati_flow(a, b, q, r, s, step)
         if not np.all(np.isfinite(new)) or np.linalg.norm(new) > 1e12 * (1.0 + np.linalg.norm(q)):
