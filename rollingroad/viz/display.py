@@ -58,14 +58,19 @@ def frames(trip: Trip, advice: Advice) -> list[Frame]:
     arrow = np.clip((wanted - trip.speed[rows]) / FULL_ARROW, -1.0, 1.0)
     power, fuel = (trip.thrust * trip.speed)[rows], trip.fuel_power[rows]
     efficiency = np.where(fuel > 0.0, 100.0 * np.maximum(power, 0.0) / np.maximum(fuel, 1.0), 0.0)
-    columns = (
-        trip.time[rows], trip.distance[rows] / 1e3, 3.6 * trip.speed[rows], 3.6 * wanted, arrow,
-        trip.gear[rows], gear, costate / 1e3, costate / max(float(advice.costate.max()), 1e-9), efficiency,
-    )  # fmt: skip
-    return [
-        Frame(*map(float, row[:5]), int(row[5]), int(row[6]), *map(float, row[7:]))
-        for row in zip(*columns, strict=True)
-    ]
+    columns = {
+        "time": trip.time[rows].tolist(),
+        "distance": (trip.distance[rows] / 1e3).tolist(),
+        "speed": (3.6 * trip.speed[rows]).tolist(),
+        "advised_speed": (3.6 * wanted).tolist(),
+        "arrow": arrow.tolist(),
+        "gear": trip.gear[rows].astype(int).tolist(),
+        "advised_gear": gear.tolist(),
+        "costate": (costate / 1e3).tolist(),
+        "costate_share": (costate / max(float(advice.costate.max()), 1e-9)).tolist(),
+        "efficiency": efficiency.tolist(),
+    }
+    return [Frame(**dict(zip(columns, row, strict=True))) for row in zip(*columns.values(), strict=True)]
 
 
 def replay(shown: Iterable[Frame], pace: float = 1.0) -> Iterator[Frame]:
