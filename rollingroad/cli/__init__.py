@@ -10,7 +10,8 @@ def main() -> None:
     import click
     import typer
 
-    from rollingroad.cli import car_commands, chain_commands, log_commands, view_commands  # noqa: F401  (they register)
+    # The commands register when imported.
+    from rollingroad.cli import car_commands, chain_commands, judge_commands, log_commands, view_commands  # noqa: F401
     from rollingroad.cli.app import app
     from vehicle_model.car.errors import BadInput
 

@@ -1,0 +1,1 @@
+"""What `rollingroad bench` measures: modules with `BENCHMARKS`, name -> function that returns rows."""

@@ -1,0 +1,39 @@
+"""Given benchmarks that answer, are missing or fail, then each row has its reference and no figure is made up."""
+
+import pytest
+
+from benchmarks.timing import least, row
+from rollingroad.evaluation.bench import NAMES, Skipped, benchmarks, measure
+
+
+def test_a_ratio_above_one_means_faster_than_the_reference() -> None:
+    assert row("observer_event", 2.0, "us", "filterpy", 200.0)["ratio"] == pytest.approx(100.0)
+    assert row("plant", 5000.0, "x_real_time", "Python", 50.0)["ratio"] == pytest.approx(100.0)
+    assert row("packet_read", 1.0, "MB/s", "Python", 4.0)["ratio"] == pytest.approx(0.25)
+
+
+def test_what_is_missing_or_fails_is_told_and_has_no_row() -> None:
+    def broken() -> list[dict]:
+        raise ValueError("no card")
+
+    fine = row("plant", 2.0, "x_real_time", "Python", 1.0)
+    found, skipped = measure(("plant", "chain", "packet_read"), {"plant": lambda: [fine], "packet_read": broken})
+    assert found == {"benchmarks": [fine]}
+    assert skipped == [Skipped("chain", "nothing here measures it"), Skipped("packet_read", "ValueError: no card")]
+
+
+def test_the_benchmarks_that_there_are_have_names_that_programs_rely_on() -> None:
+    known = benchmarks()
+    assert set(known) <= set(NAMES)
+    assert {"plant", "packet_read", "synthesis_table", "dp_sweep_5km", "chain", "eco_drive_env"} <= set(known)
+
+
+def test_the_packet_reader_is_measured_beside_plain_python() -> None:
+    (found,) = benchmarks(modules=("plant",))["packet_read"](1)
+    assert found["unit"] == "MB/s" and found["value"] > 0.0 and found["reference_value"] > 0.0
+
+
+def test_the_fastest_run_counts() -> None:
+    calls = []
+    assert 0.0 <= least(lambda: calls.append(1), 3) < 1.0
+    assert len(calls) == 3
