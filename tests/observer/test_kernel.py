@@ -158,3 +158,27 @@ def test_grid_lines_follow_the_events_of_their_time():
     np.testing.assert_allclose(events[:, 0], [0.05, 0.1, 0.1, 0.2, 0.3, 0.31])
     assert list(events[:, 1] == kernel.GRID) == [False, False, True, True, True, False]
     assert pytest.approx(0.1) == GRID_STEP
+
+
+def test_compiled_runge_kutta_event_is_the_reference():
+    """Predict by RK4 on state and covariance, three-row update: compiled against dense, line by line."""
+    from observer import runge_kutta
+
+    car = runge_kutta.constants(
+        SMART.mass,
+        SMART.accelerated_mass,
+        SMART.gravity,
+        0.5 * SMART.air_density * SMART.drag_area,
+        SMART.mass * SMART.rolling_resistance,
+    )
+    rng = np.random.default_rng(8)
+    dt, y = rng.uniform(0.002, 0.03, 40), rng.normal(size=(40, 3)) * 0.1 + [0.5, -3.0, 9.9]
+    q, r = (0.1 * SPREAD) ** 2, np.array([0.04, 0.04, 0.2])
+    x, P = CURVE.copy(), uncertain()
+    expected_x, expected_P = x.copy(), P.copy()
+    runge_kutta.events(x, P, q, dt, y, r, car, np.empty(runge_kutta.WORK))
+    kinds = (model.ACCELERATION_X, model.ACCELERATION_Y, model.ACCELERATION_Z)
+    for step, values in zip(dt, y, strict=True):
+        expected_x, expected_P = reference.predict_runge_kutta(expected_x, expected_P, np.diag(q), step, SMART)
+        expected_x, expected_P, _, _ = reference.correct(expected_x, expected_P, kinds, values, r, SMART)
+    assert max(scaled_error(x, P, (expected_x, expected_P))) < 1e-8
