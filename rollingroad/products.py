@@ -139,7 +139,7 @@ def figures(products: Products, folder: Path, watch: Stopwatch, compiled: float)
         },
         "settings": dict(task.settings),
         "log_damage": dict(products.sensed.log.damage),
-        "notes": [*products.network.notes, *baseline.notes],
+        "notes": list(dict.fromkeys([*products.network.notes, *baseline.notes])),
         "versions": versions(),
         "task": described(task),
     }

@@ -55,12 +55,19 @@ def bracket(times: Sequence[float], target: float) -> tuple[int, int] | None:
 
 
 def compare(baseline: Consumption, advised: Sequence[Consumption], efficiency: float) -> Comparison:
-    """Compare `advised` drives (at least one) with `baseline`; `efficiency` is that of `corrected_fuel`."""
+    """Compare `advised` drives (at least one) with `baseline`; `efficiency` is that of `corrected_fuel`.
+
+    Where even the drive at no price of time arrives before the baseline, it makes up the difference parked at its
+    destination: waiting parked does not count, and burns nothing.
+    """
     times = [drive.time for drive in advised]
     fuels = [corrected_fuel(drive, baseline, efficiency) for drive in advised]
     nearest = min(range(len(advised)), key=lambda i: abs(times[i] - baseline.time))
     naive = 100.0 * (1.0 - min(drive.fuel for drive in advised) / baseline.fuel)
     pair = bracket(times, baseline.time)
+    unhurried = [i for i, drive in enumerate(advised) if drive.price <= 0.0 and drive.time <= baseline.time]
+    if pair is None and unhurried:  # nothing is gained by being slower still: he waits, parked, engine off
+        pair = unhurried[0], unhurried[0]
     if pair is None:
         left = 100.0 * (times[nearest] / baseline.time - 1.0)
         return Comparison(baseline, None, None, left, naive, nearest)
@@ -95,13 +102,20 @@ def search_bracket(
                 done += drive((high * 2.0, high * 5.0))
             else:
                 low = min(d.price for d in done)
-                done += drive((low / 2.0, low / 5.0))
+                if low <= 0.0:  # at no price at all he is still early: he waits, parked (see `compare`)
+                    break
+                done += drive((low / 4.0, 0.0))
             continue
         a, b = (done[i] for i in pair)
         if b.time - a.time <= width * target:
             break
         low, high = sorted((a.price, b.price))
-        if high <= low * 1.001:  # the same price twice: the gap is a signal's, not the price's
+        if high - low <= 1e-3 * abs(high):  # the same price twice: the gap is a signal's, not the price's
             break
-        done += drive(tuple(low ** (1.0 - share) * high**share for share in (1.0 / 3.0, 2.0 / 3.0)))
+        done += drive(tuple(_between(low, high, share) for share in (1.0 / 3.0, 2.0 / 3.0)))
     return done
+
+
+def _between(low: float, high: float, share: float) -> float:
+    """A price between two: by ratio where both are positive (time answers to the ratio), else by difference."""
+    return low ** (1.0 - share) * high**share if low > 0.0 else low + share * (high - low)

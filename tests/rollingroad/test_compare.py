@@ -57,3 +57,13 @@ def test_the_search_gives_up_rather_than_inventing_a_bracket():
     done = search_bracket(lambda prices: [drive(20e6, 1000.0, price=p) for p in prices], 900.0, (1e3, 2e3), rounds=3)
     assert bracket([d.time for d in done], 900.0) is None
     assert len(done) == 6
+
+
+def test_a_driver_who_is_early_even_when_time_is_worth_nothing_waits_parked():
+    early = [drive(19e6, 880.0, price=5e3), drive(18e6, 890.0, price=0.0)]
+    result = compare(drive(20e6, 900.0), early, 0.3)
+    assert result.saving_percent == pytest.approx(10.0)
+
+
+def test_an_early_driver_who_was_hurried_is_no_fair_comparison():
+    assert compare(drive(20e6, 900.0), [drive(19e6, 880.0, price=5e3)], 0.3).saving_percent is None
