@@ -109,8 +109,8 @@ def drive(
 
     `advisor` None: the baseline driver alone. `perfect`: the driver follows advice at once and exactly (the oracle's).
     The network is built in a temporary folder unless one is given. Same scenario, car and seed: same bits; with an
-    advisor, the same bits until its first advice. One libsumo per process: call it in a process of its own to run two at once.
-    Raises BadInput (scenario), MirrorError (plant and SUMO disagree: a defect, never data).
+    advisor, the same bits until its first advice. One libsumo per process: call it in a process of its own to run
+    two at once. Raises BadInput (scenario), MirrorError (plant and SUMO disagree: a defect, never data).
     """
     if advisor is not None:
         advisor.reset()

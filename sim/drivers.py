@@ -46,6 +46,8 @@ STYLES: dict[str, Style] = {
 }
 OUT_OF_REACH = 1e7
 """W: cost of a gear that does not give the force; the less it gives, the more."""
+SPEED_NODE, FORCE_NODE = 1.0, 100.0
+"""m/s and N between the nodes of the table of gears."""
 FULL, RESERVE = 0.95, 0.80
 """Share of full load up to which `good` stays in a gear, and up to which he changes into one."""
 ADVISED_ACCELERATION = 3.0
@@ -54,7 +56,7 @@ ADVISED_ACCELERATION = 3.0
 
 def free_acceleration(style: Style, speed: float, wanted: float) -> float:
     """What he would do on an empty road, m/s2: launch at his acceleration, close in on `wanted` (m/s) within 2 s."""
-    return float(np.clip((wanted - speed) / 2.0, -style.deceleration, style.acceleration))
+    return min(max((wanted - speed) / 2.0, -style.deceleration), style.acceleration)
 
 
 class Foot:
@@ -196,8 +198,8 @@ class GearTable:
 
     def at(self, speed: float, force: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Cost and load of each gear at the nearest node, (gears + 1,) each."""
-        i = int(np.clip(round((speed - self.speed[0]) / (self.speed[1] - self.speed[0])), 0, len(self.speed) - 1))
-        j = int(np.clip(round((force - self.force[0]) / (self.force[1] - self.force[0])), 0, len(self.force) - 1))
+        i = min(max(round(speed / SPEED_NODE) - 1, 0), len(self.speed) - 1)
+        j = min(max(round(force / FORCE_NODE), 0), len(self.force) - 1)
         return self.cost[i, j], self.load[i, j]
 
 
@@ -210,8 +212,8 @@ def cheapest_gears(plant: Plant) -> GearTable:
 @lru_cache(maxsize=8)
 def _gear_table(parameters: bytes, ratios: tuple[float, ...], radius: float, redline: float) -> GearTable:
     p = np.frombuffer(parameters)
-    speed = np.arange(1.0, 56.0, 1.0)
-    force = np.arange(0.0, 5_001.0, 100.0)
+    speed = SPEED_NODE * np.arange(1.0, 56.0)
+    force = FORCE_NODE * np.arange(0.0, 51.0)
     cost = np.full((len(speed), len(force), len(ratios) + 1), OUT_OF_REACH)
     load = np.full(cost.shape, 99.0)
     for gear, ratio in enumerate(ratios, start=1):
