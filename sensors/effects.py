@@ -28,17 +28,6 @@ EFFECTS = (
         ("fuel_energy",),
     ),
     Effect(
-        "wheel_radius",
-        "wheel",
-        "Rolling radius departs from the car file's",
-        (
-            Parameter("change", "", 0.0, -0.03, 0.02, "wear -1.5 .. -2 %, pressure -0.3 .. -1 %, (M); 1.2 % comma2k19"),
-            Parameter("growth", "", 0.0, 0.0, 0.006, "+0.2 .. 0.5 % at speed, (M); at 100 km/h, with its square"),
-        ),
-        ("wheel_speed",),
-        ("wheel_slip",),
-    ),
-    Effect(
         "grade_map_error",
         "road_map",
         "The road map's grades are biased, or lie at the wrong place",
@@ -88,14 +77,12 @@ EFFECTS = (
         ("gps_lag",),
     ),
 )
-"""Rows 16, 18, 25 and 28 to 31 of EFFECTS."""
+"""Rows 16, 18 and 28 to 31 of EFFECTS."""
 
 FIELD = {
     "injector_dead_time.extra": "injector_dead_time",
     "injector_dead_time.per_volt": "injector_dead_time_per_volt",
     "injector_fouling.flow_lost": "injector_fouling",
-    "wheel_radius.change": "wheel_radius_change",
-    "wheel_radius.growth": "wheel_radius_growth",
     "grade_map_error.bias": "road_map_grade_bias",
     "grade_map_error.shift": "road_map_shift",
     "accelerometer_mount.pitch": "accelerometer_mount_pitch",
