@@ -51,17 +51,25 @@ def _follows(data, at, stop):
 
 
 @njit(cache=True, error_model="numpy")
-def _overlapped(data, at, end, stop):
-    """Tell whether a valid packet begins inside [at + 1, end), ends beyond it and is itself followed by one.
+def _better(data, at, end, stop):
+    """Tell whether valid packets that begin inside [at + 1, end) explain the bytes better than the one at `at`.
 
-    Then what begins at `at` is damage whose check came out right by accident (1 in 256), and must not swallow
-    the head of a packet that was not damaged.
+    Then what begins at `at` is damage whose check came out right by accident (1 in 256), and must not swallow good
+    packets: when one reaches beyond `end` and is followed by something legal, while nothing legal follows `end`; and
+    when a text (whose length can be anything) holds a whole packet of fixed size, which by accident is rarer still.
     """
+    text = PAYLOAD[data[at + 1]] == 0
+    if not text and (end >= stop or (end + 3 <= stop and _header(data, end) == 0)):
+        return False
     for other in range(at + 1, end):
         if other + 3 > stop or _header(data, other) != 0:
             continue
-        other_end = other + 3 + data[other + 2]
-        if end < other_end <= stop and _check(data, other) and _follows(data, other_end, stop):
+        reach = other + 3 + data[other + 2]
+        if reach > stop or not _check(data, other):
+            continue
+        if text and PAYLOAD[data[other + 1]] != 0:
+            return True
+        if reach > end and _follows(data, reach, stop):
             return True
     return False
 
@@ -99,7 +107,7 @@ def scan(data, final, in_step, zeros, starts, counters):
                 damage = 1 + TRUNCATED
             elif not _check(data, at):
                 damage = 1 + BAD_CHECK
-            elif end < stop and (end + 3 > stop or _header(data, end) != 0) and _overlapped(data, at, end, stop):
+            elif _better(data, at, end, stop):
                 damage = 1 + FALSE_PACKET
             else:
                 if zeros > 0:

@@ -24,24 +24,31 @@ def could_follow(data: bytes, at: int) -> bool:
     return at >= len(data) or data[at] == 0 or is_head(data, at)
 
 
+def is_explained_better(data: bytes, at: int) -> bool:
+    """Whether valid packets inside the one at `at` make it an accident (see `packet_kernels._better`)."""
+    end = at + 3 + data[at + 2]
+    text = int(PAYLOAD[data[at + 1]]) == 0
+    if not text and (end >= len(data) or is_head(data, end)):
+        return False
+    for other in range(at + 1, end):
+        if is_packet(data, other):
+            reach = other + 3 + data[other + 2]
+            whole_in_text = text and PAYLOAD[data[other + 1]] != 0
+            if whole_in_text or (reach > end and could_follow(data, reach)):
+                return True
+    return False
+
+
 def scan(data: bytes) -> list[int]:
     """Return where the packets of a whole log begin.
 
-    A packet whose check is right is still refused if no packet follows it while a better one overlaps its end.
+    A packet whose check is right is still refused where other valid packets explain its bytes better.
     """
     starts, at = [], 0
     while at < len(data):
-        if is_packet(data, at):
-            end = at + 3 + data[at + 2]
-            better = not (end >= len(data) or is_head(data, end)) and any(
-                is_packet(data, other)
-                and other + 3 + data[other + 2] > end
-                and could_follow(data, other + 3 + data[other + 2])
-                for other in range(at + 1, end)
-            )
-            if not better:
-                starts.append(at)
-                at = end
-                continue
-        at += 1
+        if is_packet(data, at) and not is_explained_better(data, at):
+            starts.append(at)
+            at += 3 + data[at + 2]
+        else:
+            at += 1
     return starts

@@ -124,6 +124,20 @@ def test_a_check_right_by_accident_does_not_swallow_a_good_packet():
     assert decode(data).damage["false_packet"] == 1
 
 
+def test_a_text_whose_length_was_hit_does_not_swallow_the_packets_behind_it():
+    """The length of a text can be anything: one that reaches to a later packet's end, its check right by accident."""
+    inside = packet(3, struct.pack("<IB", 0x41424344, 1)) + packet(1, struct.pack("<Ihhh", 77, 10, 20, 1000))
+    for letter in range(256):
+        fake = bytes([0xFF, 2, 3 + len(inside)]) + b"$G" + bytes([letter]) + inside
+        if packet_reference.is_head(fake, 0) and (sum(fake[2:-1]) & 0xFF) == fake[-1]:
+            break
+    else:
+        pytest.fail("no such text exists")
+    log = decode(fake + packet(3, struct.pack("<IB", 9, 1)))
+    assert len(log["wheel"]) == 2
+    assert len(log["accelerometer"]) == 1
+
+
 @settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
 @given(
     flips=st.lists(st.tuples(st.integers(0, 5999), st.integers(0, 255)), max_size=12),
