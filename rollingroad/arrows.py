@@ -1,8 +1,10 @@
 """The arrows of the chain: each is a function that takes data and returns data (`chain` joins them)."""
 
+import tempfile
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -78,7 +80,14 @@ def sense(task: Task, truth: Drive, card: bytes | None = None) -> Sensed:
     """The arrow `sense`: what the logger writes on its card (or wrote: `card`), and what the reader makes of it."""
     card = sensed_card(task, truth.trip) if card is None else card
     settings = box_settings(task.scenario.sensors, task.settings)
-    return Sensed(card, decode(card), from_route(truth.route, task.seed, settings))
+    return Sensed(card, decode(card), _on_board(from_route(truth.route, task.seed, settings)))
+
+
+def _on_board(road_map: RoadMap) -> RoadMap:
+    """The map as the quad-tile files hold it: with their rounding, so that a run folder gives the same bits again."""
+    with tempfile.TemporaryDirectory(prefix="rollingroad-") as folder:
+        road_map.write(Path(folder))
+        return RoadMap.read(Path(folder))
 
 
 def map_found(estimates: Sequence[Estimate], car: Car) -> Mapped:
