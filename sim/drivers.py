@@ -86,9 +86,11 @@ class Foot:
         self._load += self._gain * (plant.road_load - self._load)
         mass = self._mass + self._inertia * self._ratios[plant.gear] ** 2
         force = mass * acceleration + self._load
-        if coast:
+        overrun = plant.overrun_force()
+        # Who wants about what the engine's drag gives takes his foot off: the fuel is cut.
+        if coast or 1.25 * overrun < force < 0.5 * overrun:
             self._pedal = 0.0
-            return min(force, plant.overrun_force())
+            return min(force, overrun) if coast else overrun
         if force <= 0.0 or self._step == 0.0:
             self._pedal = 0.0
             return force
