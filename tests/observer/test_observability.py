@@ -54,7 +54,7 @@ def test_standing_still_hides_the_road_and_the_biases():
 
 
 def asynchronous_matrix(omega: float, dt: float, both: bool) -> np.ndarray:
-    """Gradients of the samples of note 18's system by (angle, x3) at unit radius; y1 and y2 alternate, or come together."""
+    """Gradients of the samples of note 18's system by (angle, x3); y1 and y2 alternate, or come together."""
     rows = []
     angle, radius = 0.7, 1.3
     for k in range(12):
