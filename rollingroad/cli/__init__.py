@@ -7,7 +7,6 @@ import sys
 def main() -> None:
     """Run the command line. Exit status: 0 done, 1 ran and fell short, 2 bad input or a missing part."""
     # Imported here, so that a spawned worker, which imports this module, does not pay for the command line.
-    import click
     import typer
 
     # The commands register when imported.
@@ -17,12 +16,10 @@ def main() -> None:
 
     try:
         status = typer.main.get_command(app).main(standalone_mode=False)
-    except (click.exceptions.Exit, SystemExit) as stop:
+    except (typer.Exit, SystemExit) as stop:
         status = getattr(stop, "exit_code", getattr(stop, "code", 0))
-    except click.exceptions.Abort:
+    except typer.Abort:
         status = _told("interrupted")
-    except click.ClickException as error:
-        status = _told(f"{error.format_message()} (see `rollingroad --help`)")
     except KeyboardInterrupt:
         status = _told("interrupted", 130)
     except BadInput as error:
@@ -31,6 +28,9 @@ def main() -> None:
         place = f"{error.filename}: " if error.filename else ""
         status = _told(f"{place}{error.strerror or error}")
     except Exception as error:
+        # Wrong usage. Typer carries its own copy of click, whose exceptions have no public name.
+        if hasattr(error, "format_message"):
+            sys.exit(_told(f"{error.format_message()} (see `rollingroad --help`)"))  # type: ignore[attr-defined]
         if os.environ.get("ROLLINGROAD_TRACEBACK"):
             raise
         kind = type(error).__name__
