@@ -40,3 +40,25 @@ def display(
     server = replay_server(run, pace=pace, port=port)
     console().print(f"the driver's display: http://127.0.0.1:{server.server_address[1]}/  (Ctrl-C ends it)")
     server.serve_forever()
+
+
+@app.command(epilog="Example: rollingroad gallery --run runs/mixed-0")
+def gallery(
+    out: Annotated[Path, typer.Option("--out", help="Folder for the pictures.")] = Path("gallery"),
+    run: Annotated[
+        Path | None, typer.Option("--run", metavar="RUN", help="A run folder; without it `mixed` is run first.")
+    ] = None,
+) -> None:
+    """The thesis' figures from our own runs."""
+    from rollingroad.chain import run_chain
+    from rollingroad.cli.output import console, progress
+    from rollingroad.run_files import read_run
+    from rollingroad.task import make_task
+    from rollingroad.viz.gallery.write import write_gallery
+
+    if run is None:
+        run = Path("runs") / "mixed-0"
+        with progress() as tell:
+            run_chain(make_task("mixed"), run, tell=tell)
+    for path in write_gallery(read_run(run), out):
+        console().print(str(path), soft_wrap=True)
