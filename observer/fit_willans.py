@@ -151,6 +151,11 @@ def _scores(fit: Fit, cells: Cells) -> dict[str, float]:
     return {"r2": r_squared(cells.fuel_power, power), "r2_efficiency": r_squared(cells.efficiency, eta)}
 
 
+def willans_rows(fit: WillansFit, engine_speed: NDArray, torque: NDArray) -> NDArray[np.float64]:
+    """Columns (n, 11) whose product with `fit.coefficients` is P_in / omega."""
+    return _rows(engine_speed, torque, fit.low, fit.high, fit.torque_scale)
+
+
 def _rows(omega: NDArray, torque: NDArray, low: float, high: float, scale: float) -> NDArray[np.float64]:
     """Columns of p = P_in / omega: Bernstein polynomials of omega times (1, T/scale, (T/scale)^2)."""
     x = np.clip((omega - low) / (high - low), 0.0, 1.05)
