@@ -1138,8 +1138,10 @@ def advance(events, first, last, f):
 
 
 @njit(cache=True)
-def retreat(f, lam, L, smooth_x, smooth_P):
-    """The modified Bryson-Frazier smoother backwards over the tape of `f` (Bierman 1973).
+def retreat(f, begin, end, only, lam, L, smooth_x, smooth_P):
+    """The modified Bryson-Frazier smoother backwards over lines [begin, end) of the tape of `f` (Bierman 1973).
+
+    `only`: the one grid line that is wanted; -1: all of them.
 
     lam (NX) and L (NX, NX) are the adjoint state and its information; they carry over from the tape that follows.
     smooth_x, smooth_P (k, NX) receive the smoothed states and variances at the grid's places.
@@ -1149,7 +1151,7 @@ def retreat(f, lam, L, smooth_x, smooth_P):
     xm = np.empty(NX + 4)
     b = np.empty(NX)
     w = np.empty((NX, NX))
-    for m in range(f.counts[TAPE_LINES] - 1, -1, -1):
+    for m in range(end - 1, begin - 1, -1):
         op = tape_index[m, 0]
         if op == OP_ROW:
             k_gain = tape[m, 0:NX]
@@ -1211,7 +1213,7 @@ def retreat(f, lam, L, smooth_x, smooth_P):
         else:
             g = tape_index[m, 1]
             P = tape_P[tape_index[m, 2]]
-            if g < smooth_x.shape[0]:
+            if g < smooth_x.shape[0] and (only < 0 or g == only):
                 for i in range(NX):
                     total = 0.0
                     for j in range(NX):

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +43,7 @@ _UNKNOWN = (
     kernel.M_FIX_LATITUDE,
 )
 """Places of the memory that start as unknown."""
-_SEGMENT = 8192
+SEGMENT = 8192
 """Events per segment of the backward pass: its tape then stays in the processor's cache and memory does not grow."""
 _ROWS_PER_EVENT = np.array([3, 2, 4, 6, 0, 2, 1, 1, 1, 3, 1, 1])
 """Most scalar measurements that an event of each code can give."""
@@ -163,7 +164,7 @@ def observe(
     )
     f.counts[kernel.RECORDING] = 1
     kernel.advance(events, 0, len(events), f)
-    smooth_x, smooth_P = _smooth(packets, start(car, settings, learnt, begin), f)
+    smooth_x, smooth_P = _smooth(packets, start(car, settings, learnt, begin))
     x, P, memory = f.x, f.P, f.memory
     places = {name: STATES.index(name) for name in BIASES}
     found = {name: float(x[place]) for name, place in places.items()}
@@ -184,14 +185,42 @@ def observe(
     )
 
 
-def _smooth(
-    packets: NDArray[np.float64], fresh: kernel.Filter, causal: kernel.Filter
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Smooth the admitted `packets`: filter them once more in hindsight, then backwards, segment by segment.
+class Hindsight(NamedTuple):
+    """The filter run once more, knowing when the fuel changed; ready to be gone through backwards."""
 
-    In hindsight it is known when the fuel changed (`events.fuel_steps`), and thrust may change there and only there;
-    else this is the causal filter. Each segment is filtered again from its checkpoint with the tape running, so that
-    memory does not grow with the trip.
+    events: NDArray[np.float64]
+    """(n, COLUMNS), with STEP and GRID rows."""
+    filter: kernel.Filter
+    checkpoints: list[tuple[NDArray, ...]]
+    """x, P, memory and counts at the beginning of each segment of `SEGMENT` events."""
+
+    def tape(self, number: int, beyond: float = 0.0) -> kernel.Filter:
+        """Filter segment `number` again, with the tape running, and on for `beyond` seconds after its end."""
+        first = number * SEGMENT
+        last = min(first + SEGMENT, len(self.events))
+        if beyond > 0.0:
+            last = int(np.searchsorted(self.events[:, 0], self.events[last - 1, 0] + beyond, side="right"))
+        lines = _LINES_PER_EVENT * (last - first) + 1
+        on_grid = int(np.count_nonzero(self.events[first:last, 1] == kernel.GRID))
+        x, P, memory, counts = (array.copy() for array in self.checkpoints[number])
+        counts[[kernel.RECORDING, kernel.TAPING, kernel.TAPE_LINES, kernel.TAPE_GRID]] = 0, 1, 0, 0
+        f = self.filter._replace(
+            x=x,
+            P=P,
+            memory=memory,
+            counts=counts,
+            tape=np.empty((lines, kernel.TAPE_ROW)),
+            tape_index=np.zeros((lines + 1, 10), np.int64),
+            tape_P=np.empty((on_grid, kernel.NX, kernel.NX)),
+        )
+        kernel.advance(self.events, first, last, f)
+        return f
+
+
+def hindsight(packets: NDArray[np.float64], fresh: kernel.Filter) -> Hindsight:
+    """Filter the admitted `packets` once more from `fresh`, knowing when the fuel changed (`events.fuel_steps`).
+
+    Thrust may then change there and only there; else this is the causal filter.
     """
     parameters, settings = fresh.car, fresh.settings
     steps = fuel_steps(
@@ -199,24 +228,21 @@ def _smooth(
     )
     events = with_grid(packets, steps)
     fresh.memory[kernel.M_HINDSIGHT] = 1.0
-    f = fresh._replace(grid_x=np.empty_like(causal.grid_x), grid_P=np.empty_like(causal.grid_P))
+    lines = int(np.count_nonzero(events[:, 1] == kernel.GRID))
+    f = fresh._replace(grid_x=np.empty((lines, kernel.NX)), grid_P=np.empty((lines, kernel.NX)))
     checkpoints = []
-    for first in range(0, len(events), _SEGMENT):
+    for first in range(0, len(events), SEGMENT):
         checkpoints.append(tuple(array.copy() for array in (f.x, f.P, f.memory, f.counts)))
-        kernel.advance(events, first, min(first + _SEGMENT, len(events)), f)
-    lines = _LINES_PER_EVENT * min(_SEGMENT, len(events)) + 1
-    on_grid = events[:, 1] == kernel.GRID
-    in_segment = max((int(np.sum(on_grid[i : i + _SEGMENT])) for i in range(0, len(events), _SEGMENT)), default=0)
-    tape = np.empty((lines, kernel.TAPE_ROW))
-    tape_index = np.zeros((lines + 1, 10), np.int64)
-    tape_P = np.empty((in_segment, kernel.NX, kernel.NX))
-    smooth_x, smooth_P = f.grid_x.copy(), f.grid_P.copy()
+        kernel.advance(events, first, min(first + SEGMENT, len(events)), f)
+    return Hindsight(events, f, checkpoints)
+
+
+def _smooth(packets: NDArray[np.float64], fresh: kernel.Filter) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Smooth the admitted `packets` over the whole trip, backwards, segment by segment: memory does not grow."""
+    back = hindsight(packets, fresh)
+    smooth_x, smooth_P = back.filter.grid_x.copy(), back.filter.grid_P.copy()
     adjoint, information = np.zeros(kernel.NX), np.zeros((kernel.NX, kernel.NX))
-    for number in range(len(checkpoints) - 1, -1, -1):
-        x, P, memory, counts = (array.copy() for array in checkpoints[number])
-        counts[[kernel.RECORDING, kernel.TAPING, kernel.TAPE_LINES, kernel.TAPE_GRID]] = 0, 1, 0, 0
-        again = f._replace(x=x, P=P, memory=memory, counts=counts, tape=tape, tape_index=tape_index, tape_P=tape_P)
-        first = number * _SEGMENT
-        kernel.advance(events, first, min(first + _SEGMENT, len(events)), again)
-        kernel.retreat(again, adjoint, information, smooth_x, smooth_P)
+    for number in range(len(back.checkpoints) - 1, -1, -1):
+        f = back.tape(number)
+        kernel.retreat(f, 0, f.counts[kernel.TAPE_LINES], -1, adjoint, information, smooth_x, smooth_P)
     return smooth_x, smooth_P

@@ -109,7 +109,16 @@ def test_smoother_is_rauch_tung_striebel():
     tape.counts[kernel.TAPING] = 1
     kernel.advance(part, 0, len(part), tape)
     smooth_x, smooth_P = tape.grid_x.copy(), tape.grid_P.copy()
-    kernel.retreat(tape, np.zeros(kernel.NX), np.zeros((kernel.NX, kernel.NX)), smooth_x, smooth_P)
+    kernel.retreat(
+        tape,
+        0,
+        tape.counts[kernel.TAPE_LINES],
+        -1,
+        np.zeros(kernel.NX),
+        np.zeros((kernel.NX, kernel.NX)),
+        smooth_x,
+        smooth_P,
+    )
 
     # the textbook: filtered and predicted moments at every event, then backwards
     plain = warm._replace(x=warm.x.copy(), P=warm.P.copy(), memory=warm.memory.copy(), counts=np.zeros(6, np.int64))

@@ -7,6 +7,7 @@ import pytest
 from synthetic import SMART, Truth, drive, sense
 
 from observer.estimate import STATES, Estimate
+from observer.fixed_lag import observe_lagged
 from observer.observe import observe
 from observer.stream import Observer
 from sensors.log import SensorLog
@@ -182,3 +183,23 @@ def test_standstill_keeps_what_cannot_be_seen():
     assert np.abs(found.column("speed")[still]).max() < 0.3
     assert np.ptp(found.column("pitch")[still]) < 0.01
     assert np.ptp(found.column("north")[still]) < 10.0
+
+
+def test_a_fixed_lag_lies_between_live_and_hindsight(log, truth, estimate):
+    """One second's wait takes most of what the whole trip's hindsight takes; with a long lag it is that hindsight."""
+    short = SensorLog({name: packets[packets["t"] < 75.0] for name, packets in log.streams.items()})
+    whole = observe(short, SMART)
+    time, state, variance = observe_lagged(short, SMART, 1.0)
+    np.testing.assert_array_equal(time, whole.time)
+    lagged = replace(whole, smoothed=state, smoothed_variance=variance)
+    live, waited, final = (
+        thrust_error(whole, truth),
+        thrust_error(lagged, truth, smoothed=True),
+        thrust_error(whole, truth, smoothed=True),
+    )
+    assert waited < 0.8 * live
+    assert final < 1.1 * waited
+    _, state, _ = observe_lagged(short, SMART, 100.0)
+    np.testing.assert_allclose(state, whole.smoothed, rtol=1e-6, atol=1e-6)
+    with pytest.raises(ValueError, match="lag"):
+        observe_lagged(short, SMART, 0.1)
