@@ -100,8 +100,10 @@ def weigh(
         if not trips:
             raise BadInput("--logs", "", "at least one trip of 45 s with speed; " + "; ".join(more or ["none was readable"]))
         coarse = not np.isfinite(trips[0].p.trace.engine_speed).any()
-        layout = evidence.layout_of([*reference, *trips])
-        calibration = evidence.calibrate(reference, layout, library, coarse=coarse)
+        both = evidence.layout_of([*reference, *trips])
+        if not reference or both.calibration != layout.calibration or both.tolerance != layout.tolerance:
+            calibration = evidence.calibrate(reference, both, library, coarse=coarse)
+        layout = both
         whitened = [evidence.whiten(t, layout, calibration.noise) for t in trips]
         gram = sum((w.gram for w in whitened), np.zeros_like(whitened[0].gram))
         reduced = evidence.reduce(gram, layout, calibration)

@@ -74,9 +74,16 @@ def columns_of(
         burnt = burnt + (calibration.matrix @ known) * (p.layout.channel == FUEL)
     context = Context(p, car, vector, base, np.maximum(burnt, 0.0))
     effects = [v.make(context) for v in library.variants]
+    regressors = generic.columns(context)
+    state = [(f"state.{g.name}", regressors[:, i], 0.5 * g.sd) for i, g in enumerate(library.regressors) if g.name in generic.STATE]
+    more = Columns.of(state, len(base))
+    calibration = Columns(
+        calibration.names + more.names, np.concatenate([calibration.matrix, more.matrix], axis=1),
+        np.concatenate([calibration.sd, more.sd]),
+    )  # fmt: skip
     return Trip(
         p, base, calibration, tolerance_columns(p, car, base, context.fuel),
-        trip_columns(p, car, vector, base, context.fuel, coarse), np.concatenate(effects, axis=1), generic.columns(context),
+        trip_columns(p, car, vector, base, context.fuel, coarse), np.concatenate(effects, axis=1), regressors,
     )  # fmt: skip
 
 
@@ -361,12 +368,15 @@ def _outside(
     candidates = np.array([i for i in range(layout.generics) if r.information[offset + i, offset + i] * sd[i] ** 2 > 1.0], int)
     if not len(candidates):
         return ([], Fit(0.0, 0.0, np.zeros(0), np.zeros((0, 0)))), -30.0
-    new = []
-    for i in candidates:
-        column = np.array([offset + i])
-        known = max((cosine(r, index, column) for rows in by_effect.values() for _, _, index in rows), default=0.0)
-        if known < t.alike:
-            new.append(int(i))
+    columns = offset + candidates
+    known = np.zeros(len(candidates))
+    for rows in by_effect.values():
+        for _, _, index in rows:
+            a = r.information[np.ix_(index, index)]
+            c = r.information[np.ix_(index, columns)]
+            inner = np.linalg.solve(a + 1e-9 * np.diag(np.diag(a)) + 1e-300 * np.eye(len(a)), c)
+            known = np.maximum(known, np.sum(c * inner, axis=0) / np.diag(r.information)[columns])
+    new = [int(i) for i, square in zip(candidates, known, strict=True) if np.sqrt(max(square, 0.0)) < t.alike]
     if not new:
         return ([], Fit(0.0, 0.0, np.zeros(0), np.zeros((0, 0)))), -30.0
     alone = {i: fit(r, [offset + i], sd[[i]]) for i in new}
@@ -386,6 +396,10 @@ def _outside(
     return found, log
 
 
+LEADING = 8
+"""Pairs have one of this many leading single effects in them; two effects that are both weaker are never the answer."""
+
+
 def posterior(r: Reduced, library: Library, layout: Layout, hidden: Sequence[str], t: Thresholds) -> Posterior:
     """Weigh all hypotheses."""
     sd, places = library.sd, library.places
@@ -401,7 +415,7 @@ def posterior(r: Reduced, library: Library, layout: Layout, hidden: Sequence[str
 
     pairs: dict[tuple[str, str], tuple[Variant, Variant, Fit]] = {}
     names = sorted(best, key=lambda n: -singles[n])
-    for i, first in enumerate(names):
+    for i, first in enumerate(names[:LEADING]):
         for second in names[i + 1 :]:
             (v1, _, i1), (v2, _, i2) = best[first], best[second]
             if cosine(r, i1, i2) > 0.97:

@@ -81,6 +81,15 @@ def library(car: Car) -> list[Regressor]:
     return [Regressor(*row) for row in rows]
 
 
+STATE = frozenset({
+    "fuel_rise", "fuel_w", "fuel_w2", "fuel_load", "fuel_load2", "fuel_1", "fuel_flow", "fuel_overrun", "force_v", "force_v3",
+    "force_side", "force_a", "force_climb", "force_brake", "power_slow", "power_fast", "power_still", "power_moving",
+    "loss_share", "gnss_1", "gnss_v2", "gnss_turn",
+})  # fmt: skip
+"""Regressors that are functions of the present state alone: how the nominal simulator may differ from this car for ever,
+which reference trips show. (What depends on time, place or heading is no property of the car.)"""
+
+
 def columns(c: Context) -> Array:
     """(m, k): the library's columns over the blocks of one trip."""
     p, m = c.p, c.p.samples.motion
