@@ -1,11 +1,14 @@
 """Judging: fair comparisons over seeds, sweeps, the regression suite, performance."""
 
 import sys
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, get_args
 
 import typer
 
-from rollingroad.cli.app import Json, app
+from rollingroad.cli.app import Json, Workers, app
+
+Cluster = Annotated[str | None, typer.Option("--cluster", metavar="ADDRESS", help="An existing Dask scheduler.")]
 
 
 @app.command()
@@ -29,3 +32,52 @@ def bench(
     for part in skipped:
         print(f"rollingroad: {part.name} was skipped: {part.because}", file=sys.stderr)
     return 0
+
+
+@app.command(epilog="Example: rollingroad evaluate --scenarios town,hills --seeds 3 --advisors pontryagin,oracle")
+def evaluate(
+    advisors: Annotated[str, typer.Option("--advisors", metavar="A,B")] = "pontryagin",
+    baselines: Annotated[str, typer.Option("--baselines", metavar="C,D")] = "good",
+    scenarios: Annotated[
+        str | None, typer.Option("--scenarios", metavar="S,T", help="All that ship by default.")
+    ] = None,
+    car: Annotated[str, typer.Option("--car", metavar="C,D", help="Cars, by commas.")] = "smart",
+    seeds: Annotated[int, typer.Option("--seeds", min=1, help="Seeds 0 to N - 1, paired.")] = 5,
+    workers: Workers = None,
+    cluster: Cluster = None,
+    out: Annotated[Path, typer.Option("--out", help="Where finished drives are kept.")] = Path("evaluation"),
+    json: Json = False,
+) -> int:
+    """Advisors against baseline drivers, fairly, with intervals; resumes where it was stopped."""
+    from rollingroad.cli.judge_tables import evaluate_table
+    from rollingroad.cli.output import print_json, progress
+    from rollingroad.evaluation.evaluate import evaluate as evaluated
+    from rollingroad.evaluation.evaluate import worlds_of
+    from rollingroad.evaluation.store import Store
+    from rollingroad.folder import write_json
+    from rollingroad.task import make_task
+    from scenarios.files import names
+    from scenarios.schema import DriverKind
+    from vehicle_model.car.errors import BadInput
+
+    styles = get_args(DriverKind)
+    for style in _listed(baselines):
+        if style not in styles:
+            raise BadInput("--baselines", style, f"expected one of {', '.join(styles)}")
+    chosen = _listed(scenarios) if scenarios else names()
+    worlds = worlds_of(
+        lambda scenario, name, seed: make_task(scenario, car=name, seed=seed),
+        chosen,
+        _listed(car),
+        _listed(baselines),
+        seeds,
+    )
+    with progress(quiet=json) as tell:
+        found = evaluated(worlds, _listed(advisors), Store(out / "units"), workers=workers, cluster=cluster, tell=tell)
+    write_json(out / "evaluation.json", found)
+    print_json(found) if json else evaluate_table(found)
+    return 0 if not found["failed"] and all(row["fair_saving_percent"] is not None for row in found["rows"]) else 1
+
+
+def _listed(text: str) -> list[str]:
+    return [part.strip() for part in text.split(",") if part.strip()]

@@ -23,3 +23,41 @@ def bench_table(found: Mapping[str, Any]) -> None:
             f"{row['ratio']:.3g}",
         )
     console().print(table)
+
+
+def evaluate_table(found: Mapping[str, Any]) -> None:
+    """Print what each advisor saved, and where the rest of what could be saved went."""
+    out = console()
+    savings = Table(title="saved at equal mean trip time, % of the baseline's fuel")
+    losses = Table(title="lost to the oracle, % of the baseline's fuel")
+    for table in (savings, losses):
+        for name in ("scenario", "car", "advisor", "baseline"):
+            table.add_column(name)
+    for name in ("seeds", "saved", "95 %", "naive", "oracle", "over limit", "TTC, s"):
+        savings.add_column(name, justify="right")
+    for name in ("fit", "estimation", "optimiser", "driver", "traffic", "sum"):
+        losses.add_column(name, justify="right")
+    for row in found["rows"]:
+        span, regret, ttc = row["ci95"], row["regret"], row["min_time_to_collision_s"]
+        which = [row[name] for name in ("scenario", "car", "advisor", "baseline")]
+        savings.add_row(
+            *which,
+            str(row["seeds"]),
+            _signed(row["fair_saving_percent"]),
+            "" if span is None else f"{span[0]:+.1f} {span[1]:+.1f}",
+            _signed(row["naive_saving_percent"]),
+            _signed(row["oracle_saving_percent"]),
+            "–" if row["limit_violations"] is None else str(row["limit_violations"]),
+            "–" if ttc is None else f"{ttc:.1f}",
+        )
+        if regret is not None:
+            losses.add_row(*which, *(_signed(value) for value in regret.values()), _signed(sum(regret.values())))
+    out.print(savings)
+    if losses.row_count:
+        out.print(losses)
+    for entry in found["failed"]:
+        out.print("failed: " + ", ".join(f"{k} {v}" for k, v in entry.items() if k != "log"), soft_wrap=True)
+
+
+def _signed(value: float | None) -> str:
+    return "–" if value is None else f"{value:+.2f}"

@@ -11,6 +11,7 @@ import threading
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import TimeoutError as UnitTimeout
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
@@ -82,15 +83,16 @@ def run_units(
     *,
     workers: int | None = None,
     cluster: str | None = None,
+    client: Any = None,
     timeout: float | None = 900.0,
     done: Callable[[Outcome], None] = lambda outcome: None,
 ) -> list[Outcome]:
     """Outcomes of `units`, in their order; what `store` already holds is not computed again.
 
     `workers` processes on this machine (one per core by default; 0 runs in this process without Dask, for debugging),
-    or the Dask scheduler at `cluster`. A unit that fails, hangs beyond `timeout` (s) or dies is reported in its
-    outcome and leaves the others alone. A result that the disk would not keep is still returned, its error told.
-    Raises BadInput where the scheduler cannot be reached.
+    or the Dask scheduler at `cluster`, or an open `client` (see `opened`; several threads may use one). A unit that
+    fails, hangs beyond `timeout` (s) or dies is reported in its outcome and leaves the others alone. A result that the
+    disk would not keep is still returned, its error told. Raises BadInput where the scheduler cannot be reached.
     """
     outcomes: dict[int, Outcome] = {}
     missing: list[int] = []
@@ -101,7 +103,7 @@ def run_units(
         else:
             outcomes[index] = Outcome(unit, kept, computed=False)
             done(outcomes[index])
-    for index, (result, error, log) in _computed(units, missing, workers, cluster, timeout):
+    for index, (result, error, log) in _computed(units, missing, workers, cluster, client, timeout):
         unit = units[index]
         if result is not None:
             try:
@@ -126,30 +128,59 @@ def _local_cluster(workers: int) -> Any:
     )
 
 
+@contextmanager
+def opened(workers: int | None = None, cluster: str | None = None) -> Iterator[Any]:
+    """Yield a client whose workers stay, with what they keep in mind, for several calls of `run_units`.
+
+    None for `workers` 0. Raises BadInput where the scheduler at `cluster` cannot be reached.
+    """
+    if workers == 0 and cluster is None:
+        yield None
+        return
+    from distributed import Client
+
+    try:
+        client = Client(cluster or _local_cluster(workers or cores()), timeout="10s")
+    except OSError as error:
+        raise BadInput("--cluster", str(cluster), f"expected a Dask scheduler that answers ({error})") from None
+    try:
+        with client:
+            yield client
+    finally:
+        if cluster is None:
+            stop_children()
+
+
 def _computed(
-    units: Sequence[Unit], missing: Sequence[int], workers: int | None, cluster: str | None, timeout: float | None
+    units: Sequence[Unit],
+    missing: Sequence[int],
+    workers: int | None,
+    cluster: str | None,
+    client: Any,
+    timeout: float | None,
 ) -> Iterator[tuple[int, tuple[dict[str, Any] | None, str | None, str]]]:
     if not missing:
         return
-    if workers == 0 and cluster is None:
+    if client is not None:
+        yield from _on(client, units, missing, timeout)
+    elif workers == 0 and cluster is None:
         for index in missing:
             try:
                 yield index, (call(units[index].function, dict(units[index].arguments)), None, "")
             except Exception as error:
                 yield index, (None, f"{type(error).__name__}: {error}", traceback.format_exc())
-        return
-    from distributed import Client, as_completed
+    else:
+        with opened(min(workers or cores(), len(missing)), cluster) as own:
+            yield from _on(own, units, missing, timeout)
 
-    count = min(workers or cores(), len(missing))
-    try:
-        client = Client(cluster or _local_cluster(count), timeout="10s")
-    except OSError as error:
-        raise BadInput("--cluster", str(cluster), f"expected a Dask scheduler that answers ({error})") from None
-    with client:
-        futures = {client.submit(run_unit, units[i], timeout, pure=False, retries=3): i for i in missing}
-        for future in as_completed(futures):
-            index = futures[future]
-            error = future.exception()
-            yield index, (future.result() if error is None else (None, f"lost with its worker: {error}", ""))
-    if cluster is None:
-        stop_children()
+
+def _on(
+    client: Any, units: Sequence[Unit], missing: Sequence[int], timeout: float | None
+) -> Iterator[tuple[int, tuple[dict[str, Any] | None, str | None, str]]]:
+    from distributed import as_completed
+
+    futures = {client.submit(run_unit, units[i], timeout, pure=False, retries=3): i for i in missing}
+    for future in as_completed(futures):
+        index = futures[future]
+        error = future.exception()
+        yield index, (future.result() if error is None else (None, f"lost with its worker: {error}", ""))

@@ -1,0 +1,345 @@
+"""Advisors against baseline drivers, fairly: DESIGN.md, "Fair comparisons".
+
+For each scenario, car, advisor and baseline one price of time is sought at which the mean trip time over the seeds is
+the baseline's: prices are driven until two bracket it, and fuel is interpolated between these two, seed by seed, with
+the share that makes the *mean* times equal. Seeds are paired: the same traffic with and without advice.
+
+The regret account says where advised - oracle went, in percent of the baseline's fuel and in joules:
+- `estimation`, `fit`, `optimiser`: on the empty road, one ingredient replaced at a time (see
+  `evaluate_drives.planned_losses`);
+- `driver`: the oracle's advice followed by the scenario's driver, minus the same followed exactly, both in traffic and
+  at the baseline's mean time;
+- `traffic`: what is left. The advised drive and the oracle's advice with the same driver differ in map and planner
+  alone; whatever that difference is in traffic beyond what it is on the empty road, traffic made of it. It may be
+  negative.
+The five sum to advised - oracle. An advisor that plans no route loses to its method: all in `optimiser`.
+"""
+
+import contextlib
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.stats import t as student
+
+from rollingroad.evaluation.compare import Consumption, bracket, corrected_fuel, search_bracket
+from rollingroad.evaluation.engine import Outcome, opened, run_units
+from rollingroad.evaluation.evaluate_advisors import FIXED, PLANNERS, advisor_names
+from rollingroad.evaluation.store import Store, Unit
+from rollingroad.task import Task
+from vehicle_model.car.errors import BadInput
+
+DRIVES = "rollingroad.evaluation.evaluate_drives"
+HASTE = 10.0
+"""Ratio of the first two prices of time."""
+CLOSE = 0.01
+"""Mean trip times this near to the baseline's are equal enough where no price is slower, or none faster."""
+SEARCHES = 32
+"""Searches side by side."""
+LOSSES = ("fit", "estimation", "optimiser", "driver", "traffic")
+
+Run = Callable[[Sequence[Unit]], list[Outcome]]
+Account = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class World:
+    """A scenario, a car and a baseline driver, over seeds. `tasks` are the units' arguments, by seed."""
+
+    scenario: str
+    car: str
+    baseline: str
+    tasks: Mapping[int, Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
+class Way:
+    """How the advised drives are made: by which advisor, on which map, how well followed."""
+
+    advisor: str
+    knowledge: str = "estimated"
+    perfect: bool = False
+
+
+ORACLE = Way("oracle", "true", True)
+HUMAN_ORACLE = Way("oracle", "true", False)
+
+
+@dataclass(frozen=True)
+class Found:
+    """Advised drives at the baseline's mean time. All by seed; empty where no price gives that time."""
+
+    fuel: Mapping[int, float]
+    """J, interpolated, with the baseline's energy at the end."""
+    naive: Mapping[int, float]
+    """J at the thriftiest price, as metered."""
+    nearer: Mapping[int, Account]
+    """The drives at the price whose mean time is nearer."""
+    time_difference_percent: float
+    price: float
+    """W."""
+    not_bracketed: tuple[int, ...]
+    """Seeds whose own baseline time lies beyond all that was driven; they count in the means all the same."""
+
+
+def evaluate(
+    worlds: Sequence[World],
+    advisors: Sequence[str],
+    store: Store,
+    *,
+    workers: int | None = None,
+    cluster: str | None = None,
+    timeout: float | None = 900.0,
+    drives: str = DRIVES,
+    tell: Callable[[str], None] = lambda text: None,
+) -> dict[str, Any]:
+    """Return the object of `evaluate --json`; what `store` holds is not driven again. Raises BadInput.
+
+    `drives` is the module of the units. A drive that fails is told in `failed` with its seed, and its seed is missing
+    from the row's `seeds`; a row without a fair figure has null there, and the reason in `failed`.
+    """
+    known = advisor_names()
+    for name in advisors:
+        if name not in known:
+            raise BadInput("--advisors", name, f"expected one of {', '.join(known)}")
+    done = [0]
+
+    def count(outcome: Outcome) -> None:
+        done[0] += 1
+        tell(f"{done[0]} drives done")
+
+    with opened(workers, cluster) as client:
+        run = functools.partial(run_units, store=store, workers=workers, client=client, timeout=timeout, done=count)
+        # Inline, SUMO allows one drive at a time.
+        with ThreadPoolExecutor(SEARCHES if client is not None else 1) as pool:
+            judged = list(pool.map(lambda world: _World(world, run, drives), worlds))
+            wanted = [Way(name) if name != "oracle" else ORACLE for name in advisors]
+            ways = list(dict.fromkeys([*wanted, HUMAN_ORACLE, ORACLE]))
+            list(pool.map(lambda pair: pair[0].search(pair[1]), [(world, way) for world in judged for way in ways]))
+            rows = list(
+                pool.map(
+                    lambda pair: pair[0].row(pair[1]),
+                    [(world, way) for world in judged for way in dict.fromkeys(wanted)],
+                )
+            )
+    rows.sort(key=lambda row: (row["scenario"], row["car"], row["advisor"], row["baseline"]))
+    failed = [entry for world in judged for entry in world.failed]
+    failed.sort(key=lambda entry: [str(value) for value in entry.values()])
+    return {"rows": rows, "failed": failed}
+
+
+class _World:
+    """A world with what was driven in it so far."""
+
+    def __init__(self, world: World, run: Run, drives: str) -> None:
+        self.world, self.failed = world, []
+        self._run, self._drives = run, drives
+        self._found: dict[Way, Found] = {}
+        self._tasks = dict(world.tasks)
+        outcomes = self._do([("baseline_drive", seed, {}) for seed in self._tasks], "baseline")
+        self.baseline = {
+            seed: outcome.result for seed, outcome in zip(self._tasks, outcomes, strict=True) if outcome.result
+        }
+        prices = sorted(account["first_price"] for account in self.baseline.values())
+        self._first_price = prices[len(prices) // 2] if prices else 0.0
+
+    def _do(self, asked: Sequence[tuple[str, int, Mapping[str, Any]]], advisor: str) -> list[Outcome]:
+        units = [Unit(f"{self._drives}:{name}", {"task": self._tasks[seed], **more}) for name, seed, more in asked]
+        outcomes = self._run(units)
+        for (name, seed, more), outcome in zip(asked, outcomes, strict=True):
+            if outcome.error:
+                self._fail(advisor, outcome.error, seed=seed, drive=name, log=outcome.log, **more)
+        return outcomes
+
+    def _fail(self, advisor: str, error: str, **more: Any) -> None:
+        world = self.world
+        self.failed.append(
+            {"scenario": world.scenario, "car": world.car, "advisor": advisor, "baseline": world.baseline, **more}
+            | {"error": error}
+        )
+
+    def search(self, way: Way) -> None:
+        """Drive `way` at prices of time until the baseline's mean time is bracketed."""
+        if not self.baseline:
+            return
+        driven: dict[float, dict[int, Account]] = {}
+
+        def at(prices: Sequence[float]) -> list[Consumption]:
+            asked = [
+                ("advised_drive", seed, {
+                    "advisor_name": way.advisor, "knowledge": way.knowledge, "price": price, "perfect": way.perfect,
+                })
+                for price in prices
+                for seed in self.baseline
+            ]  # fmt: skip
+            for (_, seed, more), outcome in zip(asked, self._do(asked, way.advisor), strict=True):
+                if outcome.result is not None:
+                    driven.setdefault(more["price"], {})[seed] = outcome.result
+            return [self._mean(driven[price], price) for price in prices if price in driven]
+
+        first = (self._first_price,) if way.advisor in FIXED else (self._first_price, HASTE * self._first_price)
+        with contextlib.suppress(ValueError):  # every drive of a round failed; each is told
+            search_bracket(at, 1.0, first, rounds=1 if way.advisor in FIXED else 4)
+        found = self._at_equal_time(driven)
+        if found is None:
+            self._fail(way.advisor, "no price of time makes the mean trip as long as the baseline's", drive=str(way))
+        else:
+            self._found[way] = found
+
+    def _mean(self, drives: Mapping[int, Account], price: float) -> Consumption:
+        """Sums over the seeds; `time` relative to the baseline's over the same seeds."""
+        base = sum(self.baseline[seed]["time"] for seed in drives)
+        total = {key: sum(a[key] for a in drives.values()) for key in ("fuel", "time", "distance", "end_energy")}
+        return Consumption(**(total | {"time": total["time"] / base}), price=price)
+
+    def _at_equal_time(self, driven: Mapping[float, Mapping[int, Account]]) -> Found | None:
+        prices = sorted(driven)
+        ratios = [self._mean(driven[price], price).time for price in prices]
+        if not prices:
+            return None
+        pair = bracket(ratios, 1.0)
+        if pair is None:
+            nearest = min(range(len(prices)), key=lambda i: abs(ratios[i] - 1.0))
+            if abs(ratios[nearest] - 1.0) > CLOSE:
+                return None
+            pair = nearest, nearest
+        low, high = (driven[prices[i]] for i in pair)
+        seeds = sorted(set(low) & set(high))
+        if not seeds:
+            return None
+        a, b = (sum(d[s]["time"] for s in seeds) for d in (low, high))
+        target = sum(self.baseline[s]["time"] for s in seeds)
+        share = 0.0 if b == a else float(np.clip((target - a) / (b - a), 0.0, 1.0))
+        fuel = {s: (1.0 - share) * self._corrected(low[s], s) + share * self._corrected(high[s], s) for s in seeds}
+        thrifty = min(
+            (d for d in driven.values() if set(seeds) <= set(d)), key=lambda d: sum(d[s]["fuel"] for s in seeds)
+        )
+        spans = {s: [d[s]["time"] for d in driven.values() if s in d] for s in seeds}
+        return Found(
+            fuel=fuel,
+            naive={s: thrifty[s]["fuel"] for s in seeds},
+            nearer=low if share <= 0.5 else high,
+            time_difference_percent=100.0 * (((1.0 - share) * a + share * b) / target - 1.0),
+            price=prices[pair[0]] ** (1.0 - share) * prices[pair[1]] ** share,
+            not_bracketed=tuple(s for s in seeds if not min(spans[s]) <= self.baseline[s]["time"] <= max(spans[s])),
+        )
+
+    def _corrected(self, drive: Account, seed: int) -> float:
+        base = self.baseline[seed]
+        return corrected_fuel(_consumption(drive), _consumption(base), base["efficiency"])
+
+    def row(self, way: Way) -> dict[str, Any]:
+        """A row of `evaluate --json`."""
+        world, found, oracle = self.world, self._found.get(way), self._found.get(ORACLE)
+        base = {seed: account["fuel"] for seed, account in self.baseline.items()}
+        head = {"scenario": world.scenario, "car": world.car, "advisor": way.advisor, "baseline": world.baseline}
+        if found is None:
+            empty = dict.fromkeys(
+                ("fair_saving_percent", "ci95", "time_difference_percent", "naive_saving_percent", "oracle_fraction",
+                 "limit_violations", "min_time_to_collision_s", "oracle_saving_percent", "regret", "regret_J")
+            )  # fmt: skip
+            return head | {"seeds": 0} | empty | {"safety": None, "seeds_not_bracketed": [], "price_W": None}
+        seeds = list(found.fuel)
+        saving = [100.0 * (1.0 - found.fuel[s] / base[s]) for s in seeds]
+        fair = float(np.mean(saving))
+        paired = [s for s in seeds if oracle is not None and s in oracle.fuel]
+        best = float(np.mean([100.0 * (1.0 - oracle.fuel[s] / base[s]) for s in paired])) if oracle and paired else None
+        regret = self._regret(way, found, oracle, paired)
+        mean_base = np.mean([base[s] for s in seeds])
+        return head | {
+            "seeds": len(seeds),
+            "fair_saving_percent": fair,
+            "ci95": interval(saving),
+            "time_difference_percent": found.time_difference_percent,
+            "naive_saving_percent": float(np.mean([100.0 * (1.0 - found.naive[s] / base[s]) for s in seeds])),
+            "oracle_fraction": fair / best if best is not None and best > 0.0 else None,
+            "limit_violations": self._beyond(found, "limit_violations"),
+            "min_time_to_collision_s": _least([found.nearer[s] for s in seeds]),
+            "oracle_saving_percent": best,
+            "regret": None if regret is None else {k: v[0] for k, v in regret.items()},
+            "regret_J": None if regret is None else {k: v[1] for k, v in regret.items()},
+            "safety": {
+                "baseline_min_time_to_collision_s": _least([self.baseline[s] for s in seeds]),
+                "harsh_braking": self._beyond(found, "harsh_braking"),
+                "collisions": self._beyond(found, "collisions"),
+                "red_lights_run": self._beyond(found, "red_lights_run"),
+            },
+            "seeds_not_bracketed": list(found.not_bracketed),
+            "price_W": found.price,
+            "baseline_fuel_J": float(mean_base),
+        }  # fmt: skip
+
+    def _beyond(self, found: Found, key: str) -> int:
+        """How many more than the baseline's, summed over the seeds in which there were more."""
+        return sum(max(found.nearer[s][key] - self.baseline[s][key], 0) for s in found.fuel)
+
+    def _regret(
+        self, way: Way, found: Found, oracle: Found | None, paired: Sequence[int]
+    ) -> dict[str, tuple[float, float]] | None:
+        """Each loss in percent of the baseline's fuel and in J, means over the paired seeds; None without an oracle."""
+        human = self._found.get(HUMAN_ORACLE)
+        if way == ORACLE:
+            return dict.fromkeys(LOSSES, (0.0, 0.0))
+        seeds = [s for s in paired if human is not None and s in human.fuel]
+        if oracle is None or human is None or len(seeds) < len(found.fuel):
+            return None
+        losses = {s: dict.fromkeys(LOSSES, 0.0) for s in seeds}
+        if way.advisor in PLANNERS:
+            asked = [("planned_losses", s, {"price": found.price}) for s in seeds]
+            for s, outcome in zip(seeds, self._do(asked, way.advisor), strict=True):
+                if outcome.result is None:
+                    return None
+                losses[s] |= outcome.result
+        for s, loss in losses.items():
+            loss["driver"] = human.fuel[s] - oracle.fuel[s]
+            left = found.fuel[s] - human.fuel[s] - loss["estimation"] - loss["fit"] - loss["optimiser"]
+            loss["traffic" if way.advisor in PLANNERS else "optimiser"] += left
+        base = {s: self.baseline[s]["fuel"] for s in seeds}
+        return {
+            name: (
+                float(np.mean([100.0 * losses[s][name] / base[s] for s in seeds])),
+                float(np.mean([losses[s][name] for s in seeds])),
+            )
+            for name in LOSSES
+        }
+
+
+def interval(values: Sequence[float]) -> list[float] | None:
+    """Student's 95 % interval of the mean of paired differences; None for fewer than two."""
+    if len(values) < 2:
+        return None
+    half = float(student.ppf(0.975, len(values) - 1) * np.std(values, ddof=1) / np.sqrt(len(values)))
+    mean = float(np.mean(values))
+    return [mean - half, mean + half]
+
+
+def worlds_of(
+    tasks: Callable[[str, str, int], Task],
+    scenarios: Sequence[str],
+    cars: Sequence[str],
+    baselines: Sequence[str],
+    seeds: int,
+) -> list[World]:
+    """Every combination; `tasks(scenario, car, seed)` reads and checks one."""
+    from rollingroad.evaluation.evaluate_drives import arguments
+
+    found = []
+    for scenario in scenarios:
+        for car in cars:
+            made = {seed: tasks(scenario, car, seed) for seed in range(seeds)}
+            for baseline in baselines:
+                units = {seed: arguments(task, car, baseline) for seed, task in made.items()}
+                found.append(World(made[0].scenario.name, made[0].car.name, baseline, units))
+    return found
+
+
+def _consumption(account: Account) -> Consumption:
+    return Consumption(**{key: account[key] for key in ("fuel", "time", "distance", "end_energy")}, price=0.0)
+
+
+def _least(accounts: Sequence[Account]) -> float | None:
+    times = [a["min_time_to_collision"] for a in accounts if a["min_time_to_collision"] is not None]
+    return min(times, default=None)
