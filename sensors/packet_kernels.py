@@ -61,7 +61,7 @@ def _better(data, at, end, stop):
     text = PAYLOAD[data[at + 1]] == 0
     if not text and (end >= stop or (end + 3 <= stop and _header(data, end) == 0)):
         return False
-    for other in range(at + 1, end):
+    for other in range(at + 1, end - 1):
         if other + 3 > stop or _header(data, other) != 0:
             continue
         reach = other + 3 + data[other + 2]
@@ -72,6 +72,20 @@ def _better(data, at, end, stop):
         if reach > end and _follows(data, reach, stop):
             return True
     return False
+
+
+@njit(cache=True, error_model="numpy")
+def _shares_its_check(data, end, stop):
+    """Tell whether the check at `end - 1` is also the preamble of a packet whose own preamble was lost.
+
+    Then both are good: the one was never damaged, and of the other all that counts is there.
+    """
+    if end >= stop or end + 2 > stop or _header(data, end - 1) != 0:
+        return False
+    if end + 3 <= stop and _header(data, end) == 0:
+        return False
+    reach = end + 2 + data[end + 1]
+    return reach <= stop and _check(data, end - 1) and _follows(data, reach, stop)
 
 
 @njit(cache=True, error_model="numpy")
@@ -119,6 +133,9 @@ def scan(data, final, in_step, zeros, starts, counters):
                 found += 1
                 in_step = True
                 at = end
+                if _shares_its_check(data, end, stop):
+                    counters[BAD_PREAMBLE] += 1
+                    at = end - 1
                 continue
         if zeros > 0:
             counters[BYTES_SKIPPED] += zeros

@@ -30,13 +30,20 @@ def is_explained_better(data: bytes, at: int) -> bool:
     text = int(PAYLOAD[data[at + 1]]) == 0
     if not text and (end >= len(data) or is_head(data, end)):
         return False
-    for other in range(at + 1, end):
+    for other in range(at + 1, end - 1):
         if is_packet(data, other):
             reach = other + 3 + data[other + 2]
             whole_in_text = text and PAYLOAD[data[other + 1]] != 0
             if whole_in_text or (reach > end and could_follow(data, reach)):
                 return True
     return False
+
+
+def shares_its_check(data: bytes, end: int) -> bool:
+    """Whether the check before `end` is also the preamble of a packet whose own preamble was lost: both are good."""
+    if is_head(data, end) or not is_packet(data, end - 1):
+        return False
+    return could_follow(data, end + 2 + data[end + 1])
 
 
 def scan(data: bytes) -> list[int]:
@@ -49,6 +56,7 @@ def scan(data: bytes) -> list[int]:
         if is_packet(data, at) and not is_explained_better(data, at):
             starts.append(at)
             at += 3 + data[at + 2]
+            at -= shares_its_check(data, at)
         else:
             at += 1
     return starts

@@ -138,6 +138,14 @@ def test_a_text_whose_length_was_hit_does_not_swallow_the_packets_behind_it():
     assert len(log["accelerometer"]) == 1
 
 
+def test_a_check_that_stands_in_for_a_lost_preamble_costs_neither_packet():
+    first = next(made for k in range(256) if (made := packet(3, struct.pack("<IB", 0x01020304, k)))[-1] == 0xFF)
+    second = packet(4, struct.pack("<IH", 0x01020304, 100))
+    log = decode(first + second[1:] + packet(3, struct.pack("<IB", 9, 1)))
+    assert (len(log["wheel"]), len(log["injector"])) == (2, 1)
+    assert log.damage == {"bad_preamble": 1}
+
+
 @settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
 @given(
     flips=st.lists(st.tuples(st.integers(0, 5999), st.integers(0, 255)), max_size=12),
