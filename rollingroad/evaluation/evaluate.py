@@ -15,7 +15,6 @@ The regret account says where advised - oracle went, in percent of the baseline'
 The five sum to advised - oracle. An advisor that plans no route loses to its method: all in `optimiser`.
 """
 
-import contextlib
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -25,9 +24,9 @@ from typing import Any
 import numpy as np
 from scipy.stats import t as student
 
-from rollingroad.evaluation.compare import Consumption, bracket, corrected_fuel, search_bracket
+from rollingroad.evaluation.compare import Consumption, bracket, corrected_fuel
 from rollingroad.evaluation.engine import Outcome, opened, run_units
-from rollingroad.evaluation.evaluate_advisors import FIXED, PLANNERS, advisor_names
+from rollingroad.evaluation.evaluate_advisors import FIXED, PLANNERS, UNHURRIED, advisor_names
 from rollingroad.evaluation.store import Store, Unit
 from rollingroad.task import Task
 from vehicle_model.car.errors import BadInput
@@ -37,6 +36,10 @@ HASTE = 10.0
 """Ratio of the first two prices of time."""
 CLOSE = 0.01
 """Mean trip times this near to the baseline's are equal enough where no price is slower, or none faster."""
+WIDTH = 0.03
+"""Relative times this near to each other on both sides of the baseline's are interpolated between."""
+ROUNDS = 4
+"""Rounds of prices at most."""
 SEARCHES = 32
 """Searches side by side."""
 LOSSES = ("fit", "estimation", "optimiser", "driver", "traffic")
@@ -144,7 +147,7 @@ class _World:
             seed: outcome.result for seed, outcome in zip(self._tasks, outcomes, strict=True) if outcome.result
         }
         prices = sorted(account["first_price"] for account in self.baseline.values())
-        self._first_price = prices[len(prices) // 2] if prices else 0.0
+        self._first_price = max(prices[len(prices) // 2] if prices else 0.0, UNHURRIED)
 
     def _do(self, asked: Sequence[tuple[str, int, Mapping[str, Any]]], advisor: str) -> list[Outcome]:
         units = [Unit(f"{self._drives}:{name}", {"task": self._tasks[seed], **more}) for name, seed, more in asked]
@@ -181,8 +184,7 @@ class _World:
             return [self._mean(driven[price], price) for price in prices if price in driven]
 
         first = (self._first_price,) if way.advisor in FIXED else (self._first_price, HASTE * self._first_price)
-        with contextlib.suppress(ValueError):  # every drive of a round failed; each is told
-            search_bracket(at, 1.0, first, rounds=1 if way.advisor in FIXED else 4)
+        _drive_around(at, first, rounds=1 if way.advisor in FIXED else ROUNDS)
         found = self._at_equal_time(driven)
         if found is None:
             self._fail(way.advisor, "no price of time makes the mean trip as long as the baseline's", drive=str(way))
@@ -305,6 +307,31 @@ class _World:
             )
             for name in LOSSES
         }
+
+
+def _drive_around(at: Callable[[Sequence[float]], Sequence[Consumption]], prices: Sequence[float], rounds: int) -> None:
+    """Drive at prices of time until two relative times around 1 are `WIDTH` apart, or `rounds` are over.
+
+    As `compare.search_bracket`, but content with a time within `CLOSE` where the next price would be below
+    `UNHURRIED`: to hold back a drive that is a little quicker only costs fuel.
+    """
+    done = list(at(prices))
+    for _ in range(rounds - 1):
+        if not done:
+            return
+        times, driven = [drive.time for drive in done], [drive.price for drive in done]
+        pair = bracket(times, 1.0)
+        if pair is None and min(times) > 1.0:
+            done += at((2.0 * max(driven), 5.0 * max(driven)))
+        elif pair is None:
+            if max(times) >= 1.0 - CLOSE and min(driven) <= UNHURRIED:
+                return
+            done += at((min(driven) / 2.0, min(driven) / 5.0))
+        else:
+            low, high = sorted(driven[i] for i in pair)
+            if times[pair[1]] - times[pair[0]] <= WIDTH or high <= low * 1.001:
+                return
+            done += at([low ** (1.0 - share) * high**share for share in (1.0 / 3.0, 2.0 / 3.0)])
 
 
 def interval(values: Sequence[float]) -> list[float] | None:

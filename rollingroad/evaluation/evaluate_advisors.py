@@ -1,7 +1,7 @@
 """The advisors that an evaluation knows by name, and how one's own is added (entry points `rollingroad.advisors`)."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import entry_points
 
 from controller.advice import Advice, RoadAhead
@@ -16,6 +16,8 @@ FINE = 2
 """The oracle plans on half the step and with twice the speeds."""
 NODES = 200
 """Speeds of the planner's grid."""
+UNHURRIED = 100.0
+"""W: below it time costs next to nothing, and a slower trip takes lower speeds than the limits (`pace`)."""
 
 
 @dataclass(frozen=True)
@@ -31,15 +33,30 @@ class Knowledge:
     price: float
     """W: what a second is worth. It is set so that the mean trip takes as long as the baseline's."""
 
+    @property
+    def paced_road(self) -> RoadAhead:
+        """The road with its speeds times `pace`."""
+        share = pace(self.price)
+        return replace(self.road, speed_max=share * self.road.speed_max, speed_min=share * self.road.speed_min)
+
 
 Maker = Callable[[Knowledge], Advisor]
+
+
+def pace(price: float) -> float:
+    """Share of the limits that is driven at `price` (W, > 0): 1 from `UNHURRIED` up, 0.79 at a tenth of it.
+
+    Even the drive that burns least may be quicker than a baseline that idles at every signal; to be compared at equal
+    time it must be held back.
+    """
+    return min((price / UNHURRIED) ** 0.1, 1.0)
 
 
 def plan(known: Knowledge, *, fine: bool = False) -> Advice:
     """The optimal drive by what is `known`, on the planner's grid or on the oracle's."""
     step = PLAN_STEP / FINE if fine else PLAN_STEP
     return plan_route(
-        known.road,
+        known.paced_road,
         known.fuel_map,
         known.car,
         start_speed=known.start_speed,

@@ -1,0 +1,127 @@
+"""Given drives whose fuel and time are known formulas, then the evaluation finds what follows from them by hand."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from rollingroad.evaluation.engine import run_units
+from rollingroad.evaluation.evaluate import World, evaluate, interval
+from rollingroad.evaluation.evaluate_advisors import UNHURRIED, Knowledge, pace, plan
+from rollingroad.evaluation.store import Store
+from tests.rollingroad import evaluated as formula
+from vehicle_model.car.errors import BadInput
+
+DRIVES = "tests.rollingroad.evaluated"
+
+
+def judged(tmp_path: Path, seeds: int = 3, advisors: tuple[str, ...] = ("pontryagin",), **task: Any) -> dict[str, Any]:
+    world = World("town", "smart", "good", {seed: {"seed": seed, **task} for seed in range(seeds)})
+    return evaluate([world], advisors, Store(tmp_path), workers=0, drives=DRIVES)
+
+
+def test_fuel_is_compared_at_the_price_that_makes_the_mean_times_equal(tmp_path: Path) -> None:
+    """By the formula that price is 1,000 W, where 10 % are saved."""
+    found = judged(tmp_path)
+    (row,) = found["rows"]
+    assert found["failed"] == []
+    assert row["price_W"] == pytest.approx(1000.0, rel=1e-6)
+    assert row["fair_saving_percent"] == pytest.approx(10.0, abs=1e-6)
+    assert row["time_difference_percent"] == pytest.approx(0.0, abs=1e-9)
+    assert row["seeds"] == 3
+
+
+def test_the_naive_figure_takes_the_thriftiest_price_and_looks_at_no_clock(tmp_path: Path) -> None:
+    (row,) = judged(tmp_path, first_price=500.0)["rows"]
+    assert row["naive_saving_percent"] == pytest.approx(11.0), "one doubling below 1,000 W"
+
+
+def test_one_price_for_all_seeds_makes_only_the_mean_equal_and_nobody_is_dropped(tmp_path: Path) -> None:
+    (row,) = judged(tmp_path, seeds=2, luck=0.2)["rows"]
+    assert row["seeds"] == 2
+    assert row["time_difference_percent"] == pytest.approx(0.0, abs=1e-9)
+    assert row["seeds_not_bracketed"] == [0, 1]
+    assert row["fair_saving_percent"] == pytest.approx(10.0, abs=1e-6)
+
+
+def test_energy_left_in_the_car_is_worth_the_fuel_that_put_it_there(tmp_path: Path) -> None:
+    (row,) = judged(tmp_path, stored=5.0)["rows"]
+    assert row["fair_saving_percent"] == pytest.approx(10.0 + 100.0 * (5.0 / 0.25) / formula.BASE_FUEL, abs=1e-6)
+    assert row["naive_saving_percent"] < row["fair_saving_percent"] + 5.0
+
+
+def test_the_regret_account_sums_to_advised_minus_oracle_and_names_each_part(tmp_path: Path) -> None:
+    (row,) = judged(tmp_path)["rows"]
+    regret = row["regret"]
+    assert sum(regret.values()) == pytest.approx(row["oracle_saving_percent"] - row["fair_saving_percent"], abs=1e-9)
+    assert regret["driver"] == pytest.approx(100.0 * formula.PERFECT / formula.BASE_FUEL, abs=1e-6)
+    assert regret["fit"] == pytest.approx(100.0 * formula.FIT / formula.BASE_FUEL)
+    assert regret["estimation"] == pytest.approx(100.0 * formula.ESTIMATION / formula.BASE_FUEL)
+    planned = formula.FIT + formula.ESTIMATION + formula.OPTIMISER
+    assert regret["traffic"] == pytest.approx(100.0 * (formula.TRUE - planned) / formula.BASE_FUEL, abs=1e-6)
+    # Seeds 0 to 2 burn 1, 2 and 3 kJ: joules are means over them.
+    assert row["regret_J"]["driver"] == pytest.approx(2.0 * formula.PERFECT, rel=1e-6)
+    assert row["oracle_fraction"] == pytest.approx(10.0 / 17.0, abs=1e-6)
+
+
+def test_the_oracle_as_an_advisor_regrets_nothing(tmp_path: Path) -> None:
+    rows = judged(tmp_path, advisors=("pontryagin", "oracle"))["rows"]
+    assert [row["advisor"] for row in rows] == ["oracle", "pontryagin"], "sorted"
+    assert rows[0]["oracle_fraction"] == pytest.approx(1.0) and set(rows[0]["regret"].values()) == {0.0}
+
+
+def test_a_drive_that_fails_is_told_with_its_seed_and_the_others_are_still_compared(tmp_path: Path) -> None:
+    found = judged(tmp_path, crash=1)
+    (row,) = found["rows"]
+    assert row["seeds"] == 2 and row["fair_saving_percent"] == pytest.approx(10.0, abs=1e-6)
+    assert {entry["seed"] for entry in found["failed"]} == {1}
+    assert all("teleported" in entry["error"] and "evaluated.py" in entry["log"] for entry in found["failed"])
+
+
+def test_a_scenario_that_no_price_makes_fast_enough_is_told_and_has_no_figure(tmp_path: Path) -> None:
+    found = judged(tmp_path, slowness=3.0)
+    (row,) = found["rows"]
+    assert row["fair_saving_percent"] is None and row["regret"] is None and row["ci95"] is None
+    assert any("no price of time" in entry["error"] for entry in found["failed"])
+
+
+def test_violations_beyond_the_baselines_are_counted(tmp_path: Path) -> None:
+    (row,) = judged(tmp_path, violations=2)["rows"]
+    assert row["limit_violations"] == 6, "two in each of three seeds"
+
+
+def test_a_second_evaluation_drives_nothing_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first = judged(tmp_path)
+    driven = []
+
+    def watched(units: Any, **more: Any) -> Any:
+        outcomes = run_units(units, **more)
+        driven.extend(outcome for outcome in outcomes if outcome.computed)
+        return outcomes
+
+    monkeypatch.setattr("rollingroad.evaluation.evaluate.run_units", watched)
+    assert judged(tmp_path) == first and driven == []
+
+
+def test_the_interval_is_students(tmp_path: Path) -> None:
+    values = [1.0, 2.0, 4.0, 3.5]
+    expected = stats.ttest_1samp(values, 0.0).confidence_interval(0.95)
+    assert interval(values) == pytest.approx([expected.low, expected.high])
+    assert interval(values[:1]) is None
+
+
+def test_an_unknown_advisor_is_bad_input(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="expected one of pontryagin"):
+        judged(tmp_path, advisors=("clairvoyant",))
+
+
+def test_below_the_least_price_the_plan_keeps_below_the_limits() -> None:
+    from benchmarks.controller import _car, _road, _willans
+
+    assert pace(1e5) == pace(UNHURRIED) == 1.0 > pace(0.5 * UNHURRIED) > pace(0.1 * UNHURRIED)
+    known = Knowledge(_road(2000.0), _willans(), _car(), 0.0, 0.0, 0.1 * UNHURRIED)
+    slow, quick = plan(known), plan(Knowledge(known.road, known.fuel_map, known.car, 0.0, 0.0, UNHURRIED))
+    assert slow.trip_time > quick.trip_time
+    assert np.all(slow.speed <= pace(known.price) * 130 / 3.6 + 1e-9)
