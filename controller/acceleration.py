@@ -336,7 +336,7 @@ def gear_sequences(
     """Runs of consecutive gears worth trying; with fixed time each of them also after coasting in the highest gear."""
     gears = range(1, len(model.ratios) + 1)
     low, high = model.engine_speed
-    first = [g for g in gears if low <= model.ratios[g - 1] * start <= 0.75 * high][:2]
+    first = [g for g in gears if low <= model.ratios[g - 1] * start <= 0.9 * high][:2]
     last = [g for g in gears if model.ratios[g - 1] * target <= high and model.ratios[g - 1] * target >= 0.5 * high]
     runs = [tuple(range(a, b + 1)) for a in first for b in last if b >= a]
     if duration is None:

@@ -3,6 +3,9 @@
     H(v, lambda, u) = lambda (F - R)/M_a - P_in        maximal in u = (gear, T) or (w, T); lambda = -dV/dv, J per m/s
     d lambda/dt = -dH/dv
 In a gear P_in is cubic in T, so the maximum is at a bound or at a root of a quadratic: closed form (ERRATA on 4.4.1).
+In a gear a limit on engine speed is one on the state v. Where it ends the use of a gear, lambda jumps by as much as
+keeps H (the corner condition of the constrained principle; seed 004, B.2.5.3 and B.3.1.2). Or it is a price in the
+running cost, weight (w/w_soft - 1)^2 beyond w_soft: the penalisation of B.2.5.3.
 `p` is `ControllerModel.kernel_parameters()`; `ratios` (G,), empty for a CVT. All in one file because of numba's cache.
 """
 
@@ -34,11 +37,18 @@ def best_of_cubic(b, w, c0, c1, c2, low, high):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def penalty(p, w):
+    """Price of turning faster than the soft limit, W (gears only: a CVT chooses its engine speed)."""
+    excess = max(w / p[14] - 1.0, 0.0)
+    return p[13] * excess * excess
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def best_torque(p, v, costate, n):
     """In the gear `n` (1/m): the torque that maximises H, and H."""
     w = n * v
     t, value = best_of_cubic(costate * n / p[0], w, p[3] + w * (p[4] + w * p[7]), p[5] + p[6] * w, p[8], p[11], p[12])
-    return t, value - costate / p[0] * (p[1] + p[2] * v * v)
+    return t, value - costate / p[0] * (p[1] + p[2] * v * v) - penalty(p, w)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -122,7 +132,7 @@ def fuel_power(p, w, t):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def rates(p, ratios, gear, v, costate):
-    """(dv/dt, d lambda/dt, dJ/dt, w, T) with the maximising control of `gear`."""
+    """(dv/dt, d lambda/dt, dJ/dt, w, T) with the maximising control of `gear`; dJ/dt with the penalty."""
     w, t, _ = control(p, ratios, gear, v, costate)
     power = fuel_power(p, w, t)
     dv = (w * t / v - p[1] - p[2] * v * v) / p[0]
@@ -131,6 +141,8 @@ def rates(p, ratios, gear, v, costate):
     else:
         phi_w = p[4] + p[6] * t + 2.0 * p[7] * w
         dl = costate / p[0] * 2.0 * p[2] * v + power / v + ratios[gear - 1] * w * t * phi_w
+        dl += ratios[gear - 1] * 2.0 * p[13] / p[14] * max(w / p[14] - 1.0, 0.0)
+        power += penalty(p, w)
     return dv, dl, power, w, t
 
 
@@ -155,6 +167,26 @@ def switch_gap(p, ratios, gear, other, v, costate):
     if w > p[10] * (1.0 + 1e-12) or w < p[9] * (1.0 - 1e-12):
         return 1e9
     return control(p, ratios, other, v, costate)[2] - control(p, ratios, gear, v, costate)[2]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def after_limit(p, ratios, v, costate, h, rising):
+    """(gear, lambda) just beyond a speed v where an engine-speed limit ends the use of a gear: max H stays `h`."""
+    beyond = v * (1.0 + 1e-10) if rising else v * (1.0 - 1e-10)
+    gear = -1
+    for _ in range(40):
+        chosen, _ = best_gear(p, ratios, beyond, costate)
+        if chosen < 0:
+            return -1, costate
+        dv = rates(p, ratios, chosen, v, costate)[0]
+        if abs(dv) < 1e-9:
+            return -1, costate
+        move = (control(p, ratios, chosen, v, costate)[2] - h) / dv
+        costate -= move
+        if chosen == gear and abs(move) <= 1e-14 * abs(costate):
+            break
+        gear = chosen
+    return gear, costate
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -198,7 +230,8 @@ def synthesis(p, ratios, speeds, h):
 def shoot(p, ratios, v, costate, duration, target, dt, preserve, record):
     """Integrate the extremal from (v, lambda) for `duration` s or until v rises to `target`.
 
-    Gear switches are located to rounding. `preserve`: after each step lambda is moved so that H keeps its first value
+    Gear switches are located to rounding; where an engine-speed limit forces one, lambda jumps (`after_limit`) and both
+    its sides are recorded. `preserve`: after each step lambda is moved so that H keeps its first value
     (the projection of Busvelle et al., the thesis' note on Fig. 4.3). `record` (m, 8) receives
     t, v, lambda, J, gear, w, T, H at each node; returns (nodes, t, v, lambda, J).
     """
@@ -233,6 +266,7 @@ def shoot(p, ratios, v, costate, duration, target, dt, preserve, record):
         best, _ = best_gear(p, ratios, v1, l1)
         if best < 0:
             break
+        forced = False
         if best != gear:  # an event inside the step: bracket where H of the two gears cross
             low, high = 0.0, size
             gap_low = switch_gap(p, ratios, gear, best, v, costate)
@@ -240,8 +274,10 @@ def shoot(p, ratios, v, costate, duration, target, dt, preserve, record):
                 for _ in range(60):
                     middle = 0.5 * (low + high)
                     vm, lm, jm = step(p, ratios, gear, v, costate, middle)
-                    if switch_gap(p, ratios, gear, best, vm, lm) > 0.0:
+                    gap = switch_gap(p, ratios, gear, best, vm, lm)
+                    if gap > 0.0:
                         high = middle
+                        forced = gap == 1e9
                         v1, l1, j1, size = vm, lm, jm, middle
                     else:
                         low = middle
@@ -259,6 +295,15 @@ def shoot(p, ratios, v, costate, duration, target, dt, preserve, record):
             dv = rates(p, ratios, gear, v1, l1)[0]
             if abs(dv) > 1e-3:
                 l1 -= (control(p, ratios, gear, v1, l1)[2] - h0) / dv
+        if forced and row < len(record):
+            _, _, _, w, torque = rates(p, ratios, gear, v1, l1)
+            record[row, 0], record[row, 1], record[row, 2], record[row, 3] = t + size, v1, l1, cost + j1
+            record[row, 4], record[row, 5], record[row, 6] = gear, w, torque
+            record[row, 7] = control(p, ratios, gear, v1, l1)[2]
+            row += 1
+            best, l1 = after_limit(p, ratios, v1, l1, h0, v1 > v)
+            if best < 0:
+                break
         t, v, costate, cost = t + size, v1, l1, cost + j1
         gear = best
         if v <= 0.0:

@@ -62,6 +62,33 @@ def six_speed_fixed(methods: tuple[str, ...], car: Car | None) -> list[Solution]
     return _accelerate("six-speed-fixed", _gearbox(car), 10.0, 140.0 * KMH, 30.0, methods)
 
 
+def six_speed_limit(methods: tuple[str, ...], car: Car | None) -> list[Solution]:
+    """B.2.5.3: as six-speed-free with two thirds of the engine speeds allowed; costate jumps, and the same by penalty.
+
+    In a gear the limit is one on the state, which the extremal of six-speed-free violates. The principle with state
+    limits: lambda jumps where the limit ends a gear, by what keeps H; notes carry the jumps. By penalty (row
+    "indirect-penalty"): J with the penalty is a bound from below, which rises to the constrained J with the weight; the
+    limit is then exceeded by `overshoot_percent`.
+    """
+    model = _gearbox(car)
+    low, high = model.engine_speed
+    limited = replace(model, engine_speed=(low, high * 2.0 / 3.0))
+    found = []
+    for solution in _accelerate("six-speed-limit", limited, 10.0, 100.0 * KMH, None, methods):
+        if solution.method != "indirect":
+            found.append(solution)
+            continue
+        at = np.flatnonzero(np.diff(solution.time) == 0.0)
+        jumps = solution.costate[at + 1, 0] - solution.costate[at, 0]
+        notes = {f"costate_jump_{k}": float(jump) for k, jump in enumerate(jumps, start=1)}
+        found.append(replace(solution, notes=notes))
+        soft = replace(model, soft_limit=high * 2.0 / 3.0, penalty=1e8)
+        priced = acceleration.shoot(soft, 10.0, 100.0 * KMH, None, dt=0.01, case="six-speed-limit")
+        over = max((s.engine_speed for s in priced.shifts), default=0.0) / soft.soft_limit - 1.0
+        found.append(replace(priced, method="indirect-penalty", notes={"overshoot_percent": 100.0 * max(over, 0.0)}))
+    return found
+
+
 def _distance(case: str, model: ControllerModel, methods: tuple[str, ...]) -> list[Solution]:
     length, found = 5000.0, []
     start = distance.corner(model).speed
@@ -323,6 +350,7 @@ CASES: dict[str, Callable[[tuple[str, ...], Car | None], list[Solution]]] = {
     "cvt-corner": cvt_corner,
     "six-speed-free": six_speed_free,
     "six-speed-fixed": six_speed_fixed,
+    "six-speed-limit": six_speed_limit,
     "soft-vs-pontryagin": soft_vs_pontryagin,
     "ball-and-wheel": ball_and_wheel_case,
     "route": route,

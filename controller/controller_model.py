@@ -34,6 +34,10 @@ class ControllerModel:
     phi: tuple[float, ...] = PHI
     engine_speed: tuple[float, float] = (850.0 * RPM, 6000.0 * RPM)
     torque: tuple[float, float] = (5.0, 100.0)
+    soft_limit: float = np.inf
+    """rad/s: engine speed beyond which `penalty` is charged, in gears (B.2.5.3)."""
+    penalty: float = 0.0
+    """Weight of (w / soft_limit - 1)^2 in the running cost, W."""
 
     @property
     def cvt(self) -> bool:
@@ -54,12 +58,20 @@ class ControllerModel:
         """P_in = w T phi, W."""
         return engine_speed * torque * self.inverse_efficiency(engine_speed, torque)
 
+    def running_cost(self, speed, ratio, torque):
+        """L = P_in in a gear of `ratio` 1/m, with the penalty on engine speed if there is one, W."""
+        fuel = self.fuel_power(ratio * speed, torque)
+        if self.penalty == 0.0:
+            return fuel
+        excess = ratio * speed / self.soft_limit - 1.0
+        return fuel + self.penalty * (0.5 * (excess + (excess**2) ** 0.5)) ** 2
+
     def acceleration(self, speed, engine_speed, torque):
         """dv/dt, m/s2; the same for gears (w = N v) and CVT."""
         return (engine_speed * torque / speed - self.road_load(speed)) / self.accelerated_mass
 
     def kernel_parameters(self) -> NDArray[np.float64]:
-        """Flat parameters of the compiled kernels: M_a, M C_rr g, rho C_d A / 2, phi (6), w and T bounds."""
+        """Flat parameters of the kernels: M_a, M C_rr g, rho C_d A / 2, phi (6), bounds of w and T, penalty, soft limit."""
         return np.array(
             [
                 self.accelerated_mass,
@@ -68,6 +80,8 @@ class ControllerModel:
                 *self.phi,
                 *self.engine_speed,
                 *self.torque,
+                self.penalty,
+                self.soft_limit,
             ]
         )
 

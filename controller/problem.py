@@ -59,7 +59,8 @@ class Problem:
         """Check Pontryagin's conditions along a trajectory: state (n, nx), control (n, nu), costate (n, nx), mode (n,).
 
         The maximum is sought by brute force over `samples` values of each control in every allowed mode, so that no
-        solver certifies itself.
+        solver certifies itself. A mode that stands exactly at its limit is a rival only where it is the one driven: as
+        one to be chosen it would leave the allowed set (constrained principle, B.2.5.3).
         """
         n = len(state)
         own = np.array(
@@ -76,7 +77,8 @@ class Problem:
         gap = 0.0
         for k in range(n):
             for m in self.modes:
-                if any(float(g) < -1e-9 for g in self.allowed(list(state[k]), m)):
+                margin = -1e-9 if m == mode[k] else 1e-9
+                if any(float(g) < margin for g in self.allowed(list(state[k]), m)):
                     continue
                 values = self.hamiltonian(list(state[k]), grid, list(costate[k]), m)
                 gap = max(gap, float(np.max(values)) - own[k])
@@ -119,7 +121,7 @@ def acceleration_problem(
     return Problem(
         name=name,
         dynamics=lambda x, u, mode: [model.acceleration(x[0], ratio[mode] * x[0], u[0])],
-        running_cost=lambda x, u, mode: model.fuel_power(ratio[mode] * x[0], u[0]),
+        running_cost=lambda x, u, mode: model.running_cost(x[0], ratio[mode], u[0]),
         start=(start_speed,),
         target=(target_speed,),
         duration=duration,

@@ -74,6 +74,42 @@ def test_six_speed_fixed_figures(solved):
     assert answer.state[-1, 0] == pytest.approx(140 / 3.6, rel=1e-9)
 
 
+def test_at_an_engine_speed_limit_the_costate_jumps_and_the_methods_agree(solved):
+    """B.2.5.3 by the constrained principle: H is kept across each forced shift, lambda is not; IPOPT and DP concur."""
+    answers = solved("six-speed-limit")
+    assert all(s.certificate.refused is None for s in answers.values())
+    costs = [answers[method].cost for method in ("indirect", "direct", "dp")]
+    assert max(costs) / min(costs) - 1.0 < 0.005
+    shot = answers["indirect"]
+    assert len(shot.notes) == len(shot.shifts) == 3
+    assert all(jump > 0.0 for jump in shot.notes.values())
+    assert [s.engine_speed / RPM for s in shot.shifts] == pytest.approx([4000.0] * 3, rel=1e-9)
+    assert shot.cost > 1.03 * solved("six-speed-free")["indirect"].cost
+    # IPOPT's costate jumps alike: both sides of the last shift, away from the interval that holds the jump
+    programmed = answers["direct"]
+    for lag in (-1.5, 1.5):
+        t = shot.shifts[-1].time + lag
+        known = ~np.isnan(programmed.costate[:, 0])
+        expected = np.interp(t, shot.time, shot.costate[:, 0])
+        assert np.interp(t, programmed.time[known], programmed.costate[known, 0]) == pytest.approx(expected, rel=0.01)
+
+
+def test_the_penalised_problem_rises_to_the_constrained_one_from_below(solved):
+    """B.2.5.3, penalisation: a bound from below that tightens with the weight."""
+    from dataclasses import replace
+
+    from controller.acceleration import shoot
+
+    constrained = solved("six-speed-limit")["indirect"].cost
+    costs = [
+        shoot(replace(THESIS, soft_limit=4000 * RPM, penalty=weight), 10.0, 100 / 3.6, None, dt=0.01).cost
+        for weight in (1e5, 1e6, 1e7, 1e8)
+    ]
+    assert np.all(np.diff(costs) > 0.0)
+    assert 0.995 * constrained < costs[-1] < constrained
+    assert solved("six-speed-limit")["indirect-penalty"].cost == pytest.approx(costs[-1], rel=1e-9)
+
+
 def test_costates_of_indirect_and_direct_have_one_sign_and_unit(solved):
     for case in ("six-speed-free", "six-speed-fixed", "cvt-free"):
         shot, programmed = solved(case)["indirect"], solved(case)["direct"]

@@ -108,13 +108,17 @@ def test_discrete_riccati_against_scipy_and_stable(seed):
 
 
 def test_the_printed_gain_of_b8_is_unstable():
-    """K = (B'SB + R)(B')^-1 S A with a pseudo-inverse for the missing one: the loop leaves the unit circle."""
+    """K = (B'SB + R)(B')^-1 S A with a pseudo-inverse for the missing one: the loop leaves the unit circle.
+
+    ERRATA's eigenvalue of 7.06 is that of the double integrator held for 0.1 s with Q = I, R = 1/2 (it names no
+    example; this one gives its digits).
+    """
     a, b = np.array([[1.0, 0.1], [0.0, 1.0]]), np.array([[0.005], [0.1]])
-    q, r = np.eye(2), np.array([[1.0]])
+    q, r = np.eye(2), np.array([[0.5]])
     s, gain = discrete_regulator(a, b, q, r)
     printed = (b.T @ s @ b + r) @ np.linalg.pinv(b.T).T @ s @ a
     assert np.abs(np.linalg.eigvals(a - b @ gain)).max() < 1.0
-    assert np.abs(np.linalg.eigvals(a - b @ printed)).max() > 1.0
+    assert np.abs(np.linalg.eigvals(a - b @ printed)).max() == pytest.approx(7.06, abs=0.005)
 
 
 def test_finite_horizon_starts_from_the_terminal_cost():
@@ -175,15 +179,16 @@ def test_costate_of_the_ball_is_the_slope_of_the_time():
 
 
 def test_the_corrected_arc_solves_the_equations_and_the_printed_one_does_not():
-    """G.21 with u in [-2, 3], s_0 = 0.7, at s = 1.4 and beyond: against integration."""
-    low, high, s_0, s = -2.0, 3.0, 0.7, 1.4
+    """G.21 against integration. The example that has ERRATA's digits: gamma 1.3, u in [-1.5, 2], s_0 = 0.7, s = 1.6."""
+    low, high, s_0, s = -1.5 * 1.3, 2.0 * 1.3, 0.7, 1.6
     numeric = solve_ivp(
         lambda s, x: [-x[1], -(high if s < s_0 else low)], (0.0, s), [0.0, 0.0], rtol=1e-10, atol=1e-12, max_step=0.01
     ).y[:, -1]
     x1, x2 = backward_arc(np.array([s]), s_0, low, high)
     assert (x1[0], x2[0]) == pytest.approx(tuple(numeric), abs=1e-6)
     printed = 0.5 * low * s**2 + (low - high) * s_0 * s - 0.5 * s_0**2 * (low - high)
-    assert abs(printed - numeric[0]) > 1.0
+    assert x1[0] == pytest.approx(1.485, abs=5e-4)
+    assert printed == pytest.approx(-6.477, abs=5e-4)
 
 
 def test_terminal_costate_of_the_ball_has_gamma_in_it():
