@@ -10,7 +10,14 @@ def main() -> None:
     import typer
 
     # The commands register when imported.
-    from rollingroad.cli import car_commands, chain_commands, judge_commands, log_commands, view_commands  # noqa: F401
+    from rollingroad.cli import (  # noqa: F401
+        car_commands,
+        chain_commands,
+        gap_commands,
+        judge_commands,
+        log_commands,
+        view_commands,
+    )
     from rollingroad.cli.app import app
     from vehicle_model.car.errors import BadInput
 

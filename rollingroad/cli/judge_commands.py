@@ -81,3 +81,42 @@ def evaluate(
 
 def _listed(text: str) -> list[str]:
     return [part.strip() for part in text.split(",") if part.strip()]
+
+
+@app.command(epilog="Examples: rollingroad regress --short · rollingroad regress --accept")
+def regress(
+    short: Annotated[bool, typer.Option("--short", help="The set that CI runs.")] = False,
+    accept: Annotated[bool, typer.Option("--accept", help="Make what is found the new baselines.")] = False,
+    workers: Workers = None,
+    out: Annotated[Path, typer.Option("--out", help="Where the runs that fell short are kept.")] = Path("regress"),
+    json: Json = False,
+) -> int:
+    """The scenario regression suite against its tracked baselines; keeps the recording of what fell short."""
+    import tempfile
+
+    from rollingroad.chain import run_chain
+    from rollingroad.cli.judge_tables import regress_table
+    from rollingroad.cli.output import print_json, progress
+    from rollingroad.evaluation import regress as suite
+    from rollingroad.evaluation.store import Store
+    from rollingroad.task import make_task
+
+    rules, chosen = suite.read_suite(), suite.suite_scenarios()
+    if short:
+        chosen = {name: chosen[name] for name in rules.short}
+    with progress(quiet=json) as tell:
+        # A store of its own, thrown away: a regression suite that remembers would find nothing.
+        with tempfile.TemporaryDirectory(prefix="regress-") as scratch:
+            found = suite.measure(chosen, Store(Path(scratch)), workers=workers, tell=tell)
+        if accept:
+            suite.accept(found)
+        rows = suite.differences(found, rules)
+        for name in dict.fromkeys(
+            row.scenario for row in rows if row.fell_short and not found[row.scenario].get("error")
+        ):
+            # Same seed, same bits: this is the run that fell short, with everything that a run keeps.
+            tell(f"recording {name}")
+            run_chain(make_task(chosen[name]), out / name, workers=workers)
+    result = suite.as_json(rows, len(chosen))
+    print_json(result) if json else regress_table(rows, len(chosen), out)
+    return 1 if result["fell_short"] else 0

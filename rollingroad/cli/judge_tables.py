@@ -1,11 +1,13 @@
 """Tables of what was judged."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from rich.table import Table
 
 from rollingroad.cli.output import console
+from rollingroad.evaluation.regress import Difference
 
 
 def bench_table(found: Mapping[str, Any]) -> None:
@@ -61,3 +63,36 @@ def evaluate_table(found: Mapping[str, Any]) -> None:
 
 def _signed(value: float | None) -> str:
     return "–" if value is None else f"{value:+.2f}"
+
+
+def regress_table(rows: Sequence[Difference], scenarios: int, kept: Path) -> None:
+    """Print every metric that moved by more than a tenth of its tolerance, worst first, and where the recordings are."""
+    out = console()
+    table = Table(title=f"{scenarios} scenarios against their baselines")
+    for name in ("scenario", "metric", "was", "is", "moved", "tolerance", ""):
+        table.add_column(name, justify="left" if name in ("scenario", "metric", "") else "right")
+    shown = [row for row in rows if row.fell_short or _moved(row) > 0.1]
+    for row in sorted(shown, key=lambda row: (not row.fell_short, -_moved(row))):
+        known = row.was is not None and row.now is not None
+        table.add_row(
+            row.scenario,
+            row.metric,
+            *("–" if value is None else f"{value:.4g}" for value in (row.was, row.now)),
+            f"{row.now - row.was:+.2g}" if known else "–",
+            "–" if row.tolerance is None else f"{row.tolerance:.2g}",
+            "fell short" if row.fell_short else "",
+        )
+    if shown:
+        out.print(table)
+    short = sorted({row.scenario for row in rows if row.fell_short})
+    out.print(
+        f"{scenarios} scenarios, {len(rows)} metrics: "
+        + (f"{len(short)} fell short; their runs are in {kept}" if short else "none fell short")
+    )
+
+
+def _moved(row: Difference) -> float:
+    """How far a metric moved, in tolerances."""
+    if row.was is None or row.now is None or row.was == row.now:
+        return 0.0
+    return abs(row.now - row.was) / row.tolerance if row.tolerance else float("inf")

@@ -167,3 +167,51 @@ def _flat(value: Any) -> str:
             return f"{value['value']:.4g} ± {value['sd']:.2g}"
         return ", ".join(f"{key.replace('_', ' ')} {_flat(item)}" for key, item in value.items())
     return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def diagnosis_table(result: Mapping[str, Any]) -> None:
+    """Print a diagnosis: the verdict, where, which, how far."""
+    out = console()
+    trips = result["trips"]
+    out.print(
+        f"verdict: {result['verdict'].replace('_', ' ')}  ({trips['diagnosed']} trips, {trips['reference']} reference)"
+    )
+    where = Table(title="where")
+    for name in ("subsystem", "channel", "regime", "share", "p"):
+        where.add_column(name)
+    for place in result["where"][:6]:
+        words = (place["subsystem"], place["channel"], place["regime"])
+        where.add_row(*(str(word) for word in words), f"{place['share']:.0%}", f"{place['p_value']:.1g}")
+    causes = Table(title="which")
+    for name in ("cause", "probability", "cannot be told from", "separated by"):
+        causes.add_column(name)
+    for cause in result["causes"][:6]:
+        causes.add_row(
+            " + ".join(cause["effects"]),
+            f"{cause['probability']:.1%}",
+            ", ".join(effect for effect in cause["class"] if effect not in cause["effects"]),
+            "; ".join(cause["separated_by"]),
+        )
+    for table in (where, causes):
+        if table.row_count:
+            out.print(table)
+    shrinkage = result["shrinkage"]
+    if shrinkage["recovered"] is not None:
+        interval = shrinkage["ci95"]
+        told = f" (95 %: {interval[0]:.0%} to {interval[1]:.0%})" if interval else " (in sample)"
+        out.print(f"how far: {shrinkage['recovered']:.0%} of the gap in {shrinkage['channel']} recovered{told}")
+    for missing in result["not_testable"]:
+        out.print(f"not testable: {missing['effect']}, {missing['because']}", soft_wrap=True)
+
+
+def score_table(scores: Mapping[str, Any]) -> None:
+    """Print a blind set's scores with their intervals."""
+    table = Table()
+    for name in ("score", "value", "95 %"):
+        table.add_column(name)
+    for name, entry in scores.items():
+        if isinstance(entry, Mapping) and "value" in entry and entry["value"] is not None:
+            ends = entry.get("ci95")
+            told = f"{ends[0]:.3f} to {ends[1]:.3f}" if ends and None not in ends else "–"
+            table.add_row(name.replace("_", " "), f"{entry['value']:.3f}", told)
+    console().print(table)

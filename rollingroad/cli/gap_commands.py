@@ -1,0 +1,82 @@
+"""The gap between simulator and reality, and the blind check of its diagnosis."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rollingroad.cli.app import Json, Seed, Workers, app
+
+
+@app.command(epilog="Example: rollingroad diagnose --car smart.xml --logs trips/ --reference known/ --out diagnosis/")
+def diagnose(
+    car: Annotated[Path, typer.Option("--car", help="The car file that the nominal simulator is made of.")],
+    logs: Annotated[Path, typer.Option("--logs", help="Folder of trips, in order of name.")],
+    reference: Annotated[
+        Path | None, typer.Option("--reference", help="Folder of trips that are understood: they calibrate.")
+    ] = None,
+    road: Annotated[Path | None, typer.Option("--road", help="OpenStreetMap, SUMO network or quad-tiles.")] = None,
+    hide: Annotated[str, typer.Option("--hide", metavar="EFFECT,...", help="Out of the catalogue with these.")] = "",
+    out: Annotated[Path | None, typer.Option("--out", help="Folder for diagnosis.json and report.html.")] = None,
+    workers: Workers = None,
+    json: Json = False,
+) -> None:
+    """Where the gap lies, which unmodelled effect causes it, how far it shrinks once that effect is added."""
+    from rollingroad.cli.output import print_json
+    from rollingroad.cli.tables import diagnosis_table
+    from rollingroad.folder import write_json
+    from rollingroad.gap.diagnose import investigate
+    from rollingroad.gap.report import write_report
+    from rollingroad.gap.result import as_json
+    from rollingroad.workers import cores
+
+    hidden = tuple(effect.strip() for effect in hide.split(",") if effect.strip())
+    found = investigate(car, logs, reference, road, hidden, workers=cores() if workers is None else max(workers, 1))
+    result = as_json(found)
+    if out is not None:
+        write_report(found, out)
+        write_json(out / "diagnosis.json", result)
+    print_json(result) if json else diagnosis_table(result)
+
+
+challenge = typer.Typer(help="A blind set with a sealed key, the diagnosis of it, the scores.", no_args_is_help=True)
+app.add_typer(challenge, name="challenge")
+Folder = Annotated[Path, typer.Argument(metavar="DIR", help="A set made by `challenge make`.")]
+
+
+@challenge.command()
+def make(
+    out: Annotated[Path, typer.Option("--out", help="New folder for the set.")],
+    cases: Annotated[int, typer.Option("--cases", min=1)] = 200,
+    seed: Seed = 0,
+    workers: Workers = None,
+) -> None:
+    """Make a blind set: logs of drawn cars, some with an effect, and a key that only `score` opens."""
+    from rollingroad.cli.output import console
+    from rollingroad.gap.challenge.make import make as make_set
+    from rollingroad.workers import cores
+
+    manifest = make_set(cases, seed, out, workers=cores() if workers is None else max(workers, 1))
+    console().print(f"{cases} cases in {out}; the key's hash is {manifest['key_sha256']}", soft_wrap=True)
+
+
+@challenge.command("run")
+def run_(folder: Folder, workers: Workers = None) -> None:
+    """Diagnose every case of a set; what is done already is not done again."""
+    from rollingroad.cli.output import console
+    from rollingroad.gap.challenge.run import run as run_set
+    from rollingroad.workers import cores
+
+    results = run_set(folder, workers=cores() if workers is None else max(workers, 1))
+    console().print(f"{len(results)} cases diagnosed in {folder}", soft_wrap=True)
+
+
+@challenge.command()
+def score(folder: Folder, json: Json = False) -> None:
+    """Open the key and score the diagnoses."""
+    from rollingroad.cli.output import print_json
+    from rollingroad.cli.tables import score_table
+    from rollingroad.gap.challenge.score import score as score_set
+
+    scores = score_set(folder)
+    print_json(scores) if json else score_table(scores)
