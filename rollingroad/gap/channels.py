@@ -16,6 +16,7 @@ The thrust that a filter infers is no channel: it is built from acceleration and
 of it is true by construction. Fuel against required work, and coasting, are independent.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,6 +30,8 @@ from vehicle_model.car.parameters import Car
 from vehicle_model.plant import kernel as k
 
 Array = NDArray[np.float64]
+Correction = Callable[[Replay, Motion, NDArray[np.int64]], Array]
+"""W to add to a replay's fuel, (n,), from the replay, the motion and the regimes."""
 
 CHANNELS = (
     "fuel_power", "coast_force", "gnss_speed", "gear_ratio", "idle_speed", "launch_speed", "shift_time", "height_gps",
@@ -200,9 +203,7 @@ def _unbraked(calm: NDArray[np.bool_], excess: Array) -> NDArray[np.bool_]:
     return out
 
 
-def _regimes(
-    trace: Trace, m: Motion, nominal: Replay, car: Car, vector: Array, coarse: bool
-) -> NDArray[np.int64]:
+def _regimes(trace: Trace, m: Motion, nominal: Replay, car: Car, vector: Array, coarse: bool) -> NDArray[np.int64]:
     known = np.isfinite(trace.fuel) & ~trace.saturated
     if coarse:
         return np.where(known, REGIMES.index("all"), -1)
@@ -210,7 +211,9 @@ def _regimes(
     settled = uniform_filter1d(locked.astype(float), 5) > 0.99
     peak = car.engine.max_torque
     drive = settled & ~trace.cut & (nominal.engine_torque > 0.04 * peak)
-    overrun = settled & (nominal.engine_torque < 0.8 * nominal.overrun) & (m.engine_speed > vector[k.P_CUT_RESUME] + 20.0)
+    overrun = (
+        settled & (nominal.engine_torque < 0.8 * nominal.overrun) & (m.engine_speed > vector[k.P_CUT_RESUME] + 20.0)
+    )
     overrun &= uniform_filter1d(overrun.astype(float), 9) > 0.99
     steady = np.abs(np.gradient(uniform_filter1d(m.engine_speed, 5), trace.step)) < 3.0
     idle = (uniform_filter1d(m.speed, 11) < 0.02) & ~trace.cut & steady
@@ -227,7 +230,9 @@ def _layout(trace: Trace, samples: Samples, nominal: Replay, car: Car, coarse: b
     columns: dict[str, list] = {"channel": [], "regime": [], "time": [], "distance": [], "sigma": []}
     parts = {}
 
-    def add(channel: str, index: NDArray, label: NDArray, time: Array, regime: NDArray, sigma: Array, least: int) -> None:
+    def add(
+        channel: str, index: NDArray, label: NDArray, time: Array, regime: NDArray, sigma: Array, least: int
+    ) -> None:
         """Blocks of samples `index` that share `label`; `time`, `regime`, `sigma` per sample."""
         if not len(index):
             return
@@ -282,12 +287,16 @@ def _layout(trace: Trace, samples: Samples, nominal: Replay, car: Car, coarse: b
         at = trace.gps["t"] - trace.time[0]
         wheel = np.interp(at - LAG, m.time, m.speed)
         rate = np.interp(at - LAG, m.time, np.abs(m.acceleration))
-        index = np.flatnonzero((wheel > 3.0) & np.isfinite(trace.gps["speed"]) & (at > 2) & (at < m.time[-1] - 2) & (rate < 2.5))
+        index = np.flatnonzero(
+            (wheel > 3.0) & np.isfinite(trace.gps["speed"]) & (at > 2) & (at < m.time[-1] - 2) & (rate < 2.5)
+        )
         add("gnss_speed", index, at[index].astype(int), at[index], np.full(len(index), 1), np.full(len(index), 0.06), 2)
         if np.isfinite(trace.force).mean() > 0.9:
             for name, column in (("height_gps", "altitude"), ("height_map", "map_altitude")):
                 index = np.flatnonzero(np.isfinite(trace.gps[column]) & (at > 2) & (at < m.time[-1] - 2))
-                add(name, index, (at[index] / 10).astype(int), at[index], np.full(len(index), 1), np.ones(len(index)), 5)
+                add(
+                    name, index, (at[index] / 10).astype(int), at[index], np.full(len(index), 1), np.ones(len(index)), 5
+                )
     if parts.get("coast_force") is not None:
         columns["sigma"] = _doubt_brakes(columns, parts["coast_force"], nominal)
     if len(trace.second.get("t", ())) >= 10:
@@ -301,7 +310,12 @@ def _layout(trace: Trace, samples: Samples, nominal: Replay, car: Car, coarse: b
         rows = {"channel": CHANNELS.index("clock_rate"), "regime": 1, "time": m.time[-1], "distance": m.distance[-1]}
         stacked = {n: np.append(x, deviation if n == "sigma" else rows[n]) for n, x in stacked.items()}
     return Layout(
-        stacked["channel"].astype(int), stacked["regime"].astype(int), stacked["time"], stacked["distance"], stacked["sigma"], parts
+        stacked["channel"].astype(int),
+        stacked["regime"].astype(int),
+        stacked["time"],
+        stacked["distance"],
+        stacked["sigma"],
+        parts,
     )
 
 
@@ -325,8 +339,9 @@ def _events(mask: NDArray[np.bool_], shortest: int, longest: int) -> tuple[NDArr
     return (np.concatenate(index), np.concatenate(label)) if index else (np.zeros(0, int), np.zeros(0, int))
 
 
-def values(p: Prepared, car: Car, vector: Array) -> Array:
-    """Residual of each block, (m,): measured less replay under the plant's `vector`."""
+def values(p: Prepared, car: Car, vector: Array, correction: Correction | None = None) -> Array:
+    """Residual of each block, (m,): measured less replay under the plant's `vector`, its fuel corrected as the reference
+    trips showed (a setting that moves the torque moves along the *corrected* map)."""
     s, trace, layout = p.samples, p.trace, p.layout
     nominal = replay_vector(vector, s.motion)
     out = np.zeros(len(layout.time))
@@ -338,7 +353,10 @@ def values(p: Prepared, car: Car, vector: Array) -> Array:
             index, number, count = part
             out[layout.channel == CHANNELS.index(channel)] = np.bincount(number, sample[index]) / count
 
-    put("fuel_power", np.nan_to_num(s.fuel) - nominal.fuel)
+    burnt = (
+        nominal.fuel if correction is None else nominal.fuel + correction(nominal, m, s.regime) * (1.0 - nominal.cut)
+    )
+    put("fuel_power", np.nan_to_num(s.fuel) - burnt)
     put("coast_force", nominal.overrun_force - nominal.road_force)
     ratio = vector[k.P_RATIO + np.maximum(m.gear, 1)] / car.wheel_radius
     put("gear_ratio", m.engine_speed / np.maximum(m.speed * ratio, 1.0) - 1.0)

@@ -12,10 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rollingroad.gap.channels import CHANNELS, REGIMES, Prepared, block_means, values
-from rollingroad.gap.replay import replay_vector
+from rollingroad.gap.channels import CHANNELS, REGIMES, Correction, Prepared, block_means, values
+from rollingroad.gap.replay import Motion, Replay, replay_vector
 from vehicle_model.car.parameters import Car
-from vehicle_model.plant import kernel as k
 from vehicle_model.plant.parameters import plant_parameters
 
 Array = NDArray[np.float64]
@@ -39,16 +38,49 @@ class Columns:
         return Columns(tuple(names), np.stack(columns, axis=1), np.array(sd, float))
 
 
+POLYNOMIAL = (
+    (0, 0, 1.5), (1, 0, 1.0), (2, 0, 0.6), (0, 1, 6.0), (1, 1, 3.0), (2, 1, 2.0), (0, 2, 4.0), (1, 2, 2.0), (0, 3, 3.0),
+)  # fmt: skip
+"""Powers of engine speed and torque, and the prior deviation in bar of mean pressure."""
+BUMPS = tuple((gx, gy, 0.5 + 1.0 * gy) for gx in (-0.5, 0.0, 0.5) for gy in (0.1, 0.3, 0.5, 0.75, 1.0))
+
+
+def _map_terms(car: Car, engine_speed: Array, torque: Array) -> list[tuple[str, Array, float]]:
+    """The map's correction: (name, W per unit coefficient at each sample, deviation)."""
+    x = engine_speed / 250.0 - 1.0
+    y = np.clip(torque / car.engine.max_torque, -0.2, 1.3)
+    bar = car.engine.displacement / (4.0 * np.pi) * 1e5 * engine_speed
+    rows = [(f"map.poly{i}", bar * x**px * y**py, sd) for i, (px, py, sd) in enumerate(POLYNOMIAL)]
+    for gx, gy, sd in BUMPS:
+        bump = np.exp(-0.5 * ((x - gx) / 0.3) ** 2 - 0.5 * ((y - gy) / 0.18) ** 2)
+        rows.append((f"map.bump{gx:g},{gy:g}", bar * bump, sd))
+    return rows
+
+
+def _driving(regime: NDArray[np.int64], torque: Array, speed: Array) -> NDArray[np.bool_]:
+    return (regime == REGIMES.index("drive")) | ((regime == REGIMES.index("all")) & (torque > 0) & (speed > 0.5))
+
+
+def map_correction(car: Car, coefficients: Mapping[str, float]) -> Correction:
+    """The calibrated correction as a function of the replay: what `channels.values` adds to the simulator's fuel."""
+
+    def correct(r: Replay, m: Motion, regime: NDArray[np.int64]) -> Array:
+        total = np.zeros(len(m.time))
+        for name, term, _ in _map_terms(car, m.engine_speed, r.engine_torque):
+            total += coefficients.get(name, 0.0) * term
+        return total * _driving(regime, r.engine_torque, m.speed)
+
+    return correct
+
+
 def calibration_columns(p: Prepared, car: Car, vector: Array) -> Columns:
     """The correction of the engine's map, overrun, idle and of the constant offsets of the sensors, for one trip."""
     m = p.samples.motion
     nominal = replay_vector(vector, m)
-    peak = car.engine.max_torque
     x = m.engine_speed / 250.0 - 1.0
-    y = np.clip(nominal.engine_torque / peak, -0.2, 1.3)
     bar = car.engine.displacement / (4.0 * np.pi) * 1e5 * m.engine_speed
     regime = p.samples.regime
-    drive = (regime == REGIMES.index("drive")) | ((regime == REGIMES.index("all")) & (nominal.engine_torque > 0) & (m.speed > 0.5))
+    drive = _driving(regime, nominal.engine_torque, m.speed)
     idle = (regime == REGIMES.index("idle")) | ((regime == REGIMES.index("all")) & (m.speed <= 0.5))
     other = (regime == REGIMES.index("all")) & ~drive & ~idle
     rows: list[tuple[str, Array, float]] = []
@@ -56,14 +88,8 @@ def calibration_columns(p: Prepared, car: Car, vector: Array) -> Columns:
     def fuel(name: str, sample: Array, sd: float) -> None:
         rows.append((f"map.{name}", block_means(p, "fuel_power", sample), sd))
 
-    for i, (power_x, power_y, sd) in enumerate(
-        ((0, 0, 1.5), (1, 0, 1.0), (2, 0, 0.6), (0, 1, 6.0), (1, 1, 3.0), (2, 1, 2.0), (0, 2, 4.0), (1, 2, 2.0), (0, 3, 3.0))
-    ):
-        fuel(f"poly{i}", drive * bar * x**power_x * y**power_y, sd)
-    for gx in (-0.5, 0.0, 0.5):
-        for gy in (0.1, 0.3, 0.5, 0.75, 1.0):
-            bump = np.exp(-0.5 * ((x - gx) / 0.3) ** 2 - 0.5 * ((y - gy) / 0.18) ** 2)
-            fuel(f"bump{gx:g},{gy:g}", drive * bar * bump, 0.5 + 1.0 * gy)
+    for name, term, sd in _map_terms(car, m.engine_speed, nominal.engine_torque):
+        rows.append((name, block_means(p, "fuel_power", drive * term), sd))
     work = np.maximum(nominal.road_force, 0.0) * m.speed
     for gear in range(1, len(car.gear_ratios) + 1):
         fuel(f"gear{gear}", drive * (m.gear == gear) * work * 2.7, 0.02)
@@ -127,14 +153,15 @@ TOLERANCE_SETTINGS: Mapping[str, str] = {
 }
 
 
-def tolerance_columns(p: Prepared, car: Car, base: Array, fuel: Array) -> Columns:
-    """Nominal parameters inside their limits, for one trip; `base` (m,) the residuals at nominal, `fuel` (m,) W burnt."""
+def tolerance_columns(p: Prepared, car: Car, vector: Array, fuel: Array, correction: Correction | None) -> Columns:
+    """Nominal parameters inside their limits, for one trip; `fuel` (m,) W burnt in each fuel block."""
+    base = values(p, car, vector, correction)
     t = car.tolerances
     root = np.sqrt(3.0)
     rows: list[tuple[str, Array, float]] = []
     for name, key in TOLERANCE_SETTINGS.items():
         step = 0.02
-        moved = values(p, car, plant_parameters(car, {key: 1.0 + step}))
+        moved = values(p, car, plant_parameters(car, {key: 1.0 + step}), correction)
         rows.append((f"tolerance.{name}", (base - moved) / step, getattr(t, name) / root))
     rows.append(("tolerance.fuel", fuel, t.fuel / root))
     v = block_means(p, "gnss_speed", _at_fixes(p, p.samples.motion.speed)) if p.trace.gps else np.zeros(len(base))
@@ -142,21 +169,26 @@ def tolerance_columns(p: Prepared, car: Car, base: Array, fuel: Array) -> Column
     return Columns.of(rows, len(base))
 
 
-def trip_columns(p: Prepared, car: Car, vector: Array, base: Array, fuel: Array, coarse: bool) -> Columns:
+def trip_columns(
+    p: Prepared, car: Car, vector: Array, fuel: Array, coarse: bool, correction: Correction | None
+) -> Columns:
     """What this trip alone may have: wind, density, accelerometer bias, a little fuel, clock alignment."""
+    base = values(p, car, vector, correction)
     root = np.sqrt(3.0)
     rows: list[tuple[str, Array, float]] = []
     m = p.samples.motion
     if np.isfinite(m.heading).mean() > 0.5:
         for name, bearing in (("wind_n", 0.0), ("wind_e", np.pi / 2)):
-            moved = values(p, car, plant_parameters(car, {"head_wind.speed": 2.0, "head_wind.from": bearing}))
+            moved = values(
+                p, car, plant_parameters(car, {"head_wind.speed": 2.0, "head_wind.from": bearing}), correction
+            )
             rows.append((name, (base - moved) / 2.0, car.tolerances.wind / root))
     elif not coarse:
-        moved = values(p, car, plant_parameters(car, {"head_wind.speed": 2.0}))
+        moved = values(p, car, plant_parameters(car, {"head_wind.speed": 2.0}), correction)
         rows.append(("wind", (base - moved) / 2.0, car.tolerances.wind / root))
     if p.samples.bias_sd > 0.0:
         shifted = replace(p, samples=replace(p.samples, motion=replace(m, force=m.force + 0.02)))
-        change = values(shifted, car, vector) - base
+        change = values(shifted, car, vector, correction) - base
         rows.append(("force_bias", change / 0.02, float(np.hypot(p.samples.bias_sd, 0.0015))))
         s = _at_fixes(p, m.distance) / car.gravity if p.trace.gps else np.zeros(0)
         if p.trace.gps:
@@ -169,7 +201,7 @@ def trip_columns(p: Prepared, car: Car, vector: Array, base: Array, fuel: Array,
     rows.append(("launch_habit", block_means(p, "launch_speed", np.ones(len(m.time))), 25.0))
     rows.append(("shift_habit", block_means(p, "shift_time", np.ones(len(m.time))), 0.06))
     rows.append(("trip_fuel", fuel, 0.025 / root * 1.5 if coarse else 0.0015))
-    rows.append(("trip_load", block_means(p, "fuel_power", np.ones(len(m.time))), 100.0))
+    rows.append(("trip_load", block_means(p, "fuel_power", np.ones(len(m.time))), 100.0 if coarse else 40.0))
     return Columns.of(rows, len(base))
 
 

@@ -52,7 +52,11 @@ class Diagnosis:
 
 
 def diagnose(
-    car_path: Path, logs_dir: Path, reference_dir: Path | None = None, road: Path | None = None, hide: Sequence[str] = ()
+    car_path: Path,
+    logs_dir: Path,
+    reference_dir: Path | None = None,
+    road: Path | None = None,
+    hide: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Return the object of `diagnose --json` (CLI.md). Raises BadInput for unusable input."""
     return as_json(investigate(car_path, logs_dir, reference_dir, road, hide))
@@ -98,7 +102,9 @@ def weigh(
         trips = [t for t in found if t is not None]
         notes = [*notes, *bad, *more]
         if not trips:
-            raise BadInput("--logs", "", "at least one trip of 45 s with speed; " + "; ".join(more or ["none was readable"]))
+            raise BadInput(
+                "--logs", "", "at least one trip of 45 s with speed; " + "; ".join(more or ["none was readable"])
+            )
         coarse = not np.isfinite(trips[0].p.trace.engine_speed).any()
         both = evidence.layout_of([*reference, *trips])
         if not reference or both.calibration != layout.calibration or both.tolerance != layout.tolerance:
@@ -124,7 +130,10 @@ def _delay(trips, whitened, layout, calibration, library, hide, thresholds) -> f
     for trip, w in zip(trips, whitened, strict=True):
         total = total + w.gram
         driven += float(trip.p.samples.motion.distance[-1]) / 1e3
-        found = evidence.posterior(evidence.reduce(total, layout, calibration), library, layout, hide, thresholds).none < 0.5
+        found = (
+            evidence.posterior(evidence.reduce(total, layout, calibration), library, layout, hide, thresholds).none
+            < 0.5
+        )
         since = (since if since is not None else driven) if found else None
     return since
 
@@ -194,7 +203,10 @@ def _one(job: tuple[SensorLog, Car, Road | None, Mapping[str, float] | None]) ->
         library = Library(tuple(signatures.variants(car)), tuple(generic.library(car)))
         trace = reconstruct(log, car, road)
         if trace.time[-1] - trace.time[0] < SHORTEST:
-            return None, f"{log.name}: {trace.time[-1] - trace.time[0]:.0f} s, too short to tell anything ({SHORTEST:.0f} s are needed)"
+            return (
+                None,
+                f"{log.name}: {trace.time[-1] - trace.time[0]:.0f} s, too short to tell anything ({SHORTEST:.0f} s are needed)",
+            )
         told = check(log, trace, car)
         p = prepare(trace, car, vector)
         if not len(p.layout.time):

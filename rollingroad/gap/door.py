@@ -6,7 +6,6 @@ from pathlib import Path
 from rollingroad.gap.road import Road, road_of
 from sensors import roadmap
 from sensors.importing import load, read_foreign
-
 from sensors.log import SensorLog
 from sensors.log_files import read_parquet
 from sensors.packets import read_log

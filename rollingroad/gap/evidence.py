@@ -19,6 +19,7 @@ from rollingroad.gap.design import (
     Noise,
     calibration_columns,
     default_noise,
+    map_correction,
     tolerance_columns,
     trip_columns,
     whitener,
@@ -63,7 +64,13 @@ class Library:
 
 
 def columns_of(
-    p: Prepared, car: Car, vector: Array, library: Library, *, coarse: bool, correction: Mapping[str, float] | None = None
+    p: Prepared,
+    car: Car,
+    vector: Array,
+    library: Library,
+    *,
+    coarse: bool,
+    correction: Mapping[str, float] | None = None,
 ) -> Trip:
     """Compute every column of one trip: the costly part. `correction` are the calibration's coefficients by name."""
     base = values(p, car, vector)
@@ -72,18 +79,23 @@ def columns_of(
     if correction:
         known = np.array([correction.get(name, 0.0) for name in calibration.names])
         burnt = burnt + (calibration.matrix @ known) * (p.layout.channel == FUEL)
-    context = Context(p, car, vector, base, np.maximum(burnt, 0.0))
+    slope = map_correction(car, correction) if correction else None
+    context = Context(p, car, vector, base, np.maximum(burnt, 0.0), slope)
     effects = [v.make(context) for v in library.variants]
     regressors = generic.columns(context)
-    state = [(f"state.{g.name}", regressors[:, i], 0.5 * g.sd) for i, g in enumerate(library.regressors) if g.name in generic.STATE]
+    state = [
+        (f"state.{g.name}", regressors[:, i], 0.5 * g.sd)
+        for i, g in enumerate(library.regressors)
+        if g.name in generic.STATE
+    ]
     more = Columns.of(state, len(base))
     calibration = Columns(
         calibration.names + more.names, np.concatenate([calibration.matrix, more.matrix], axis=1),
         np.concatenate([calibration.sd, more.sd]),
     )  # fmt: skip
     return Trip(
-        p, base, calibration, tolerance_columns(p, car, base, context.fuel),
-        trip_columns(p, car, vector, base, context.fuel, coarse), np.concatenate(effects, axis=1), regressors,
+        p, base, calibration, tolerance_columns(p, car, vector, context.fuel, slope),
+        trip_columns(p, car, vector, context.fuel, coarse, slope), np.concatenate(effects, axis=1), regressors,
     )  # fmt: skip
 
 
@@ -200,7 +212,9 @@ def calibrate(reference: Sequence[Trip], layout: Layout, library: Library, *, co
     """
     noise = default_noise()
     if not reference:
-        free = np.array([1.0 if name in KEPT or name.startswith("launch") else NO_REFERENCE for name in layout.calibration])
+        free = np.array(
+            [1.0 if name in KEPT or name.startswith("launch") else NO_REFERENCE for name in layout.calibration]
+        )
         sd = layout.calibration_sd * free
         return Calibration(np.diag(sd**-2.0), np.zeros(len(sd)), noise, 1.3, 0)
     for _ in range(2):
@@ -360,12 +374,18 @@ class Posterior:
 
 
 def _outside(
-    r: Reduced, library: Library, layout: Layout, by_effect: Mapping[str, list[tuple[Variant, Fit, NDArray]]], t: Thresholds
+    r: Reduced,
+    library: Library,
+    layout: Layout,
+    by_effect: Mapping[str, list[tuple[Variant, Fit, NDArray]]],
+    t: Thresholds,
 ) -> tuple[tuple[list[int], Fit], float]:
     """Best regressors and the evidence of "something else": regressors that no named effect could stand for."""
     offset = layout.effects
     sd = np.array([g.sd for g in library.regressors])
-    candidates = np.array([i for i in range(layout.generics) if r.information[offset + i, offset + i] * sd[i] ** 2 > 1.0], int)
+    candidates = np.array(
+        [i for i in range(layout.generics) if r.information[offset + i, offset + i] * sd[i] ** 2 > 1.0], int
+    )
     if not len(candidates):
         return ([], Fit(0.0, 0.0, np.zeros(0), np.zeros((0, 0)))), -30.0
     columns = offset + candidates
@@ -426,12 +446,17 @@ def posterior(r: Reduced, library: Library, layout: Layout, hidden: Sequence[str
     found, outside_log = _outside(r, library, layout, by_effect, t)
 
     explained = max(
-        [row[1].explained for row in best.values()] + [f.explained for *_, f in pairs.values()] + [found[1].explained, 0.0]
+        [row[1].explained for row in best.values()]
+        + [f.explained for *_, f in pairs.values()]
+        + [found[1].explained, 0.0]
     )
     squeeze = t.temperature * (1.0 + 0.5 * t.misfit**2 * explained)
     rows: list[tuple[object, float]] = [("none", np.log(t.prior_none))]
     rows += [(n, np.log(t.prior_single / max(len(singles), 1)) + x / squeeze - t.barrier) for n, x in singles.items()]
-    rows += [(n, np.log(t.prior_pair / max(len(pairs), 1)) + f.log_bayes / squeeze - t.barrier) for n, (*_, f) in pairs.items()]
+    rows += [
+        (n, np.log(t.prior_pair / max(len(pairs), 1)) + f.log_bayes / squeeze - t.barrier)
+        for n, (*_, f) in pairs.items()
+    ]
     rows.append(("outside", np.log(t.prior_outside) + float(outside_log) / squeeze - t.barrier))
     logs = np.array([x for _, x in rows])
     probability = np.exp(logs - logs.max())

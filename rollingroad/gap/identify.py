@@ -23,7 +23,9 @@ SUBSYSTEM: Mapping[str, str] = {
 
 SEPARATORS: Mapping[frozenset[str], str] = {
     frozenset({"rolling_resistance", "grade_map_error"}): "drive the route back",
-    frozenset({"rolling_resistance", "brake_drag"}): "a coast-down after a long stretch without braking; wheel-end temperature",
+    frozenset(
+        {"rolling_resistance", "brake_drag"}
+    ): "a coast-down after a long stretch without braking; wheel-end temperature",
     frozenset({"drag_area", "air_density"}): "a barometer and the intake air's temperature",
     frozenset({"drag_area", "head_wind"}): "drive the route back, or on other headings",
     frozenset({"air_density", "head_wind"}): "drive the route back, or on other headings",
@@ -46,7 +48,9 @@ SEPARATORS: Mapping[frozenset[str], str] = {
 def separators(effects: Sequence[str]) -> list[str]:
     """What would tell the members of a class apart."""
     found = [text for pair, text in SEPARATORS.items() if pair <= set(effects)]
-    return list(dict.fromkeys(found)) or (["a longer trip with stops, coasting, hills and several headings"] if len(effects) > 1 else [])
+    return list(dict.fromkeys(found)) or (
+        ["a longer trip with stops, coasting, hills and several headings"] if len(effects) > 1 else []
+    )
 
 
 def class_of(effect: str, posterior: Posterior, reduced: Reduced, library: Library) -> list[str]:
@@ -82,7 +86,15 @@ def unseen(trips: Sequence[Trip], reduced: Reduced, library: Library, coarse: bo
             continue
         if coarse and effect in ("clutch_slip", "shift_loss", "injector_dead_time", "injector_fouling"):
             rows[effect] = "no engine speed in the logs"
-        elif not gps and effect in ("gps_lag", "wheel_radius", "wheel_slip", "head_wind", "cross_wind", "clock_skew", "accelerometer_mount"):
+        elif not gps and effect in (
+            "gps_lag",
+            "wheel_radius",
+            "wheel_slip",
+            "head_wind",
+            "cross_wind",
+            "clock_skew",
+            "accelerometer_mount",
+        ):
             rows[effect] = "no receiver in the logs"
         elif effect == "grade_map_error":
             rows[effect] = "no road map under the trips" if gps else "no receiver in the logs"

@@ -19,7 +19,9 @@ def check(log: SensorLog, trace: Trace, car: Car) -> list[str]:
     notes = []
     v = trace.speed
     if not (v > 1.0).any():
-        return [f"{log.name}: no speed: it never moves, or the wheel sensor is silent; a working wheel sensor would help"]
+        return [
+            f"{log.name}: no speed: it never moves, or the wheel sensor is silent; a working wheel sensor would help"
+        ]
     if np.nanmax(v) > FASTEST:
         raise BadInput(log.name, "speed", f"m/s below {FASTEST:g}, found up to {np.nanmax(v):.0f} (km/h or mph?)")
     moving = v > 4.0
@@ -41,7 +43,9 @@ def check(log: SensorLog, trace: Trace, car: Car) -> list[str]:
         if not 8.0 < size < 12.0:
             raise BadInput(log.name, "accelerometer", f"some 9.8 m/s2 at rest, found {size:.2f} (mg or g?)")
         if np.nanstd(force[0]) < 1e-3:
-            notes.append(f"{log.name}: the accelerometer is constant; a working one would show grades and its own mounting")
+            notes.append(
+                f"{log.name}: the accelerometer is constant; a working one would show grades and its own mounting"
+            )
     known = np.isfinite(trace.fuel)
     if known.any():
         mean = float(np.mean(trace.fuel[known]))

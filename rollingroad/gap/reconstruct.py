@@ -242,7 +242,11 @@ def _gps(log: SensorLog) -> tuple[dict[str, NDArray], dict[str, float], tuple[fl
         length = skew["t"][-1] - skew["t"][0] + np.median(np.diff(skew["t"]))
         clock["packets"] = float(skew["gained"].sum() / length)
         clock["packets_sd"] = float(1.0e-3 / length)
-    good = np.isfinite(rows["latitude"]) & np.isfinite(rows["utc"]) & (rows["quality"] > 0) if len(rows) else np.zeros(0, bool)
+    good = (
+        np.isfinite(rows["latitude"]) & np.isfinite(rows["utc"]) & (rows["quality"] > 0)
+        if len(rows)
+        else np.zeros(0, bool)
+    )
     rows = rows[good]
     if len(rows) < 20:
         return {}, clock, (0.0, 0.0, 0.0)
@@ -254,7 +258,11 @@ def _gps(log: SensorLog) -> tuple[dict[str, NDArray], dict[str, float], tuple[fl
         clock["gps"] = slope - 1.0
         clock["gps_sd"] = 0.06 / np.sqrt(len(utc)) / max(utc.std(), 1.0) * 1.5 + 1e-7
     t = offset + slope * utc - 0.045 if packets else np.asarray(arrived, float)
-    origin = (float(np.median(rows["latitude"])), float(np.median(rows["longitude"])), float(np.median(rows["altitude"])))
+    origin = (
+        float(np.median(rows["latitude"])),
+        float(np.median(rows["longitude"])),
+        float(np.median(rows["altitude"])),
+    )
     from sensors.projection import to_local
 
     north, east = to_local(rows["latitude"], rows["longitude"], origin)

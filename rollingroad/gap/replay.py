@@ -159,7 +159,9 @@ def _burn(p: Array, w: Array, brake: Array, shaft: Array, full: Array, exhaust: 
     diluted = np.maximum(0.0, 1.0 - pressure / 0.6)
     knocking = np.maximum(0.0, pressure - p[k.P_KNOCK_LIMIT] - p[k.P_KNOCK_SLOPE] * w)
     retard = np.maximum(0.6, 1.0 - p[k.P_KNOCK] * knocking**2)
-    efficiency = p[k.P_CYCLE_EFFICIENCY] * _table(p, k.P_SPEED_EFFICIENCY, w) * (1.0 - p[k.P_DILUTION] * diluted**2) * retard
+    efficiency = (
+        p[k.P_CYCLE_EFFICIENCY] * _table(p, k.P_SPEED_EFFICIENCY, w) * (1.0 - p[k.P_DILUTION] * diluted**2) * retard
+    )
     excess = (brake / full - p[k.P_ENRICHMENT_LOAD]) / (1.0 - p[k.P_ENRICHMENT_LOAD])
     rich = 1.0 + p[k.P_ENRICHMENT] * np.clip(excess, 0.0, 1.0)
     a = (w - p[k.P_DRIFT_SPEED]) / p[k.P_DRIFT_SPEED_WIDTH]

@@ -19,7 +19,7 @@ from rollingroad.gap.result import as_json
 from rollingroad.gap.where import hypotheses
 
 matplotlib.use("Agg")
-from matplotlib import pyplot as plt  # noqa: E402  (the backend is chosen first: no display is needed)
+from matplotlib import pyplot as plt
 
 if TYPE_CHECKING:
     from rollingroad.gap.diagnose import Diagnosis
@@ -105,7 +105,9 @@ def _picture(figure: Any) -> str:
 def _ranking(result: dict[str, Any]) -> str:
     rows = [c for c in result["causes"] if c["probability"] > 0.005][:10][::-1]
     figure, axes = plt.subplots(figsize=(8, 0.4 * len(rows) + 0.8))
-    axes.barh([html.unescape(" + ".join(c["effects"])) for c in rows], [c["probability"] for c in rows], color="#2f6f9f")
+    axes.barh(
+        [html.unescape(" + ".join(c["effects"])) for c in rows], [c["probability"] for c in rows], color="#2f6f9f"
+    )
     axes.set_xlim(0, 1)
     axes.set_xlabel("probability")
     return _picture(figure)
@@ -173,6 +175,8 @@ def _bars(result: dict[str, Any]) -> str:
     names = ["before", "after", "wrong_effect", "generic", "floor"]
     rows = [(n.replace("_", " "), s[n]) for n in names if s[n] is not None]
     figure, axes = plt.subplots(figsize=(7, 2.6))
-    axes.bar([n for n, _ in rows], [v for _, v in rows], color=["#c0392b", "#2f6f9f", "#999", "#999", "#ddd"][: len(rows)])
+    axes.bar(
+        [n for n, _ in rows], [v for _, v in rows], color=["#c0392b", "#2f6f9f", "#999", "#999", "#ddd"][: len(rows)]
+    )
     axes.set_ylabel(f"{s['channel']}, {s['metric']}")
     return _picture(figure)

@@ -27,7 +27,12 @@ def parameters(variant: Variant, fit: Fit, first: int = 0) -> dict[str, dict[str
             index = index[:1]
         total = float(fit.value[index].sum())
         sd = float(np.sqrt(fit.covariance[np.ix_(index, index)].sum()))
-        out[f"{variant.effect}.{name}"] = {"value": column.neutral + total, "sd": sd, "unit": column.unit, "neutral": column.neutral}
+        out[f"{variant.effect}.{name}"] = {
+            "value": column.neutral + total,
+            "sd": sd,
+            "unit": column.unit,
+            "neutral": column.neutral,
+        }
     if variant.effect == "head_wind":
         north, east = fit.value[first], fit.value[first + 1]
         speed = float(np.hypot(north, east))
@@ -37,7 +42,12 @@ def parameters(variant: Variant, fit: Fit, first: int = 0) -> dict[str, dict[str
         across = float(np.sqrt(max(block.trace() - sd**2, 0.0))) / max(speed, 1e-3)
         out = {
             "head_wind.speed": {"value": speed, "sd": sd, "unit": "m/s", "neutral": 0.0},
-            "head_wind.from": {"value": float(np.arctan2(east, north)), "sd": min(across, np.pi), "unit": "rad", "neutral": 0.0},
+            "head_wind.from": {
+                "value": float(np.arctan2(east, north)),
+                "sd": min(across, np.pi),
+                "unit": "rad",
+                "neutral": 0.0,
+            },
         }
     for name, value in variant.shape.items():
         out.setdefault(name, {"value": value, "sd": None, "unit": "", "neutral": None})
@@ -49,9 +59,17 @@ def as_json(d: "Diagnosis") -> dict[str, Any]:
     post = d.posterior
     rows: list[dict[str, Any]] = [
         {"effects": ["none"], "probability": post.none, "class": [], "separated_by": [], "parameters": {}},
-        {"effects": ["outside_catalogue"], "probability": post.outside, "class": [], "separated_by": [], "parameters": _outside(d)},
+        {
+            "effects": ["outside_catalogue"],
+            "probability": post.outside,
+            "class": [],
+            "separated_by": [],
+            "parameters": _outside(d),
+        },
     ]
-    keep: list[tuple[float, tuple[str, ...]]] = [(p, (e,)) for e, p in post.singles.items()] + [(p, e) for e, p in post.pairs.items()]
+    keep: list[tuple[float, tuple[str, ...]]] = [(p, (e,)) for e, p in post.singles.items()] + [
+        (p, e) for e, p in post.pairs.items()
+    ]
     for probability, effects in sorted(keep, reverse=True)[:LISTED]:
         if len(effects) == 1:
             variant, fit = post.fits[effects[0]]

@@ -104,7 +104,9 @@ def shrink(
     b, a, f = mean(before), mean(after), mean(floor)
     recovered = _recovered(before, after, floor) if chosen else None
     ci = _interval(before, after, floor) if chosen and held else None
-    fuel = _trip_fuel(trips, cases if CHANNELS.index(channel) == FUEL else None, columns, sd, reductions, layout, calibration)
+    fuel = _trip_fuel(
+        trips, cases if CHANNELS.index(channel) == FUEL else None, columns, sd, reductions, layout, calibration
+    )
     return Shrinkage(
         channel, b, a, f, recovered, ci, None, held, min(rivals) if rivals else None, generic_after, *fuel,
         tuple(zip(before.tolist(), after.tolist(), floor.tolist(), strict=True)), singles,

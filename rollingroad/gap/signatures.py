@@ -7,12 +7,13 @@ is averaged; a variant has one or more columns, whose coefficients are the effec
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from observer.observe import pulse_angle
-from rollingroad.gap.channels import Prepared, block_means, resensed, values
+from rollingroad.gap.channels import Correction, Prepared, block_means, resensed, values
 from rollingroad.gap.replay import replay_vector
 from vehicle_model.car.parameters import Car
 from vehicle_model.plant.parameters import plant_parameters
@@ -55,9 +56,21 @@ class Context:
     fuel: Array
     """(m,) W, what the calibrated simulator says that each fuel block burns. (The measured fuel as a regressor of itself
     would explain its own noise.)"""
+    correction: Correction | None = None
+
+    def residual(self, settings: Mapping[str, float]) -> Array:
+        """(m,): measured less calibrated replay under `settings` ("effect.parameter": value)."""
+        return values(self.p, self.car, plant_parameters(self.car, settings), self.correction)
+
+    @cached_property
+    def neutral(self) -> Array:
+        """(m,): the same with nothing set."""
+        return values(self.p, self.car, self.vector, self.correction)
 
 
-def _plant(effect: str, steps: Mapping[str, tuple[float, float, str, float, int]], shape: Mapping[str, float]) -> Variant:
+def _plant(
+    effect: str, steps: Mapping[str, tuple[float, float, str, float, int]], shape: Mapping[str, float]
+) -> Variant:
     """Variant of a plant's effect: `steps` parameter -> (neutral, step, unit, prior deviation, sign)."""
     columns = tuple(Column(name, unit, neutral, sd, sign) for name, (neutral, _, unit, sd, sign) in steps.items())
 
@@ -65,7 +78,7 @@ def _plant(effect: str, steps: Mapping[str, tuple[float, float, str, float, int]
         out = []
         for name, (neutral, step, *_) in steps.items():
             settings = {f"{effect}.{name}": neutral + step, **shape}
-            out.append((c.base - values(c.p, c.car, plant_parameters(c.car, settings))) / step)
+            out.append((c.neutral - c.residual(settings)) / step)
         return np.stack(out, axis=1)
 
     return Variant(effect, columns, shape, make)
@@ -77,7 +90,10 @@ def _sensor(effect: str, columns: tuple[Column, ...], make: Callable[[Context], 
 
 def _moved(c: Context, **channels: Array) -> Array:
     """Change of the residuals if the trace's `channels` were these."""
-    return values(resensed(c.p, replace(c.p.trace, **channels), c.car, c.vector), c.car, c.vector) - c.base
+    return (
+        values(resensed(c.p, replace(c.p.trace, **channels), c.car, c.vector), c.car, c.vector, c.correction)
+        - c.neutral
+    )
 
 
 def _speed_scaled(c: Context, share: Array) -> Array:
@@ -94,16 +110,23 @@ def _wind() -> Variant:
     def make(c: Context) -> Array:
         out = []
         for bearing in (0.0, np.pi / 2):
-            both = [
-                values(c.p, c.car, plant_parameters(c.car, {"head_wind.speed": s, "head_wind.from": bearing})) for s in (2.0, -2.0)
-            ]
+            both = [c.residual({"head_wind.speed": s, "head_wind.from": bearing}) for s in (2.0, -2.0)]
             out.append((both[1] - both[0]) / 4.0)
         return np.stack(out, axis=1)
 
     return Variant("head_wind", columns, {}, make)
 
 
-def _warm(amount: str, unit: str, neutral: float, step: float, sd: float, effect: str, shapes: list[dict[str, float]], sign: int) -> Variant:
+def _warm(
+    amount: str,
+    unit: str,
+    neutral: float,
+    step: float,
+    sd: float,
+    effect: str,
+    shapes: list[dict[str, float]],
+    sign: int,
+) -> Variant:
     """An effect that fades: shapes of different time constants side by side, so that any mixture of them is spanned."""
     columns = tuple(Column(amount if i == 0 else f"{amount}~{i}", unit, neutral, sd, 0) for i in range(len(shapes)))
 
@@ -111,7 +134,7 @@ def _warm(amount: str, unit: str, neutral: float, step: float, sd: float, effect
         out = []
         for shape in shapes:
             settings = {f"{effect}.{amount}": neutral + step, **shape}
-            out.append((c.base - values(c.p, c.car, plant_parameters(c.car, settings))) / step)
+            out.append((c.neutral - c.residual(settings)) / step)
         return np.stack(out, axis=1)
 
     return Variant(effect, columns, shapes[0], make)
@@ -248,7 +271,7 @@ def _cold_with_start() -> Variant:
 
     def make(c: Context) -> Array:
         start = {"cranking_fuel.retard": 0.2, "cranking_fuel.time": 60.0}
-        early = (c.base - values(c.p, c.car, plant_parameters(c.car, start))) / 0.2
+        early = (c.neutral - c.residual(start)) / 0.2
         return np.concatenate([friction.make(c), early[:, None]], axis=1)
 
     return Variant("cold_start", columns, {}, make)
@@ -256,10 +279,14 @@ def _cold_with_start() -> Variant:
 
 def _cycling(period: float) -> Variant:
     """A compressor that cycles: its mean, and its swing in a phase that each trip has for itself."""
-    columns = (Column("power", "W", 0.0, 1500.0, 1), Column("power~1", "W", 0.0, 800.0), Column("power~2", "W", 0.0, 800.0))
+    columns = (
+        Column("power", "W", 0.0, 1500.0, 1),
+        Column("power~1", "W", 0.0, 800.0),
+        Column("power~2", "W", 0.0, 800.0),
+    )
 
     def make(c: Context) -> Array:
-        mean = (c.base - values(c.p, c.car, plant_parameters(c.car, {"accessory_load.power": 400.0}))) / 400.0 * 0.536
+        mean = (c.neutral - c.residual({"accessory_load.power": 400.0})) / 400.0 * 0.536
         t = c.p.layout.time
         phase = 2.0 * np.pi * t / period
         return np.stack([0.5 * mean, mean * np.cos(phase), mean * np.sin(phase)], axis=1)

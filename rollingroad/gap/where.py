@@ -72,7 +72,9 @@ def hypotheses(posterior: Posterior, library: Library, layout: Layout) -> list[t
         for effect, variant in zip(pair, (first, second), strict=True):
             place = places[id(variant)]
             k = place.stop - place.start
-            rows.append((posterior.pairs[pair], SUBSYSTEM[effect], np.arange(place.start, place.stop), fit.value[at : at + k]))
+            rows.append(
+                (posterior.pairs[pair], SUBSYSTEM[effect], np.arange(place.start, place.stop), fit.value[at : at + k])
+            )
             at += k
     if posterior.regressors is not None:
         found, fit = posterior.regressors
@@ -109,12 +111,18 @@ def locate(
             energy[(subsystem, channel, "first_600_s")] = sum(energy.pop(k) for k in keys)
     total = sum(energy.values()) or 1.0
     tests = _tests(trips, whitened, names, layout, calibration)
-    rows = [Place(*key, share / total, tests.get(key[1:], 1.0)) for key, share in energy.items() if share / total > 0.005]
+    rows = [
+        Place(*key, share / total, tests.get(key[1:], 1.0)) for key, share in energy.items() if share / total > 0.005
+    ]
     return sorted(rows, key=lambda p: -p.share)[:24]
 
 
 def _tests(
-    trips: Sequence[Trip], whitened: Sequence[Whitened], names: Sequence[list[str]], layout: Layout, calibration: Calibration
+    trips: Sequence[Trip],
+    whitened: Sequence[Whitened],
+    names: Sequence[list[str]],
+    layout: Layout,
+    calibration: Calibration,
 ) -> dict[tuple[str, str], float]:
     """Adjusted p-value of each cell (channel, regime): is the residual there larger than its noise?"""
     squares: dict[tuple[str, str], list[float]] = {}

@@ -8,7 +8,7 @@ import time as clock_of_day
 import numpy as np
 from numpy.typing import NDArray
 
-from rollingroad.gap.challenge.routes import ORIGIN, geodetic
+from rollingroad.gap.challenge.routes import geodetic
 
 NEUTRAL = {
     "acc_pitch": 0.0, "acc_scale": 1.0, "acc_drift": 0.0, "gps_lag": 0.2, "gps_stuck": 0.0, "skew": 0.0,
@@ -39,7 +39,9 @@ def record(
     skew_t = np.arange(10.0, t[-1], 10.0)
     gained = np.diff(np.round(np.append(0.0, skew_t * ppm * 1e3)))
     stamp = _milliseconds(logger(skew_t))
-    packets.append((logger(skew_t), _frames(5, stamp, np.clip(gained, -128, 127).astype(np.int8)[:, None].view(np.uint8))))
+    packets.append(
+        (logger(skew_t), _frames(5, stamp, np.clip(gained, -128, 127).astype(np.int8)[:, None].view(np.uint8)))
+    )
     arrival, sentences = _gps(truth, north, east, e, rng)
     at = np.concatenate([p[0] for p in packets] + [logger(arrival)])
     raw: list[bytes] = []

@@ -94,7 +94,9 @@ def draw(rng: np.random.Generator) -> Car:
         d[name] *= 1.0 + spread * rng.uniform(-1, 1)
     d["power"] = min(d["power"], 0.93 * d["torque"] * d["power_rpm"] / 9549.3)
     ratios = np.round(ratios * (1.0 + 0.03 * rng.uniform(-1, 1)), 3)
-    d |= dict(roll=rng.normal(0, 0.03), pitch=rng.normal(0, 0.04), yaw=rng.normal(0, 0.05), scale=1.0 + rng.normal(0, 0.01))
+    d |= dict(
+        roll=rng.normal(0, 0.03), pitch=rng.normal(0, 0.04), yaw=rng.normal(0, 0.05), scale=1.0 + rng.normal(0, 0.01)
+    )
     lines = "\n".join(f'    <{ORDINALS[i]} gear="{g:.3f}" />' for i, g in enumerate(ratios))
     xml = XML.format(**d, gears=len(ratios), gear_lines=lines)
 

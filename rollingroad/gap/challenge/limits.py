@@ -28,14 +28,20 @@ def detection_limit(effect: Effect, other: bool, seed: int, car: Car, drives: Se
     for number, drive in enumerate(drives):
         sigma = _sigma(drive)
         base = _features(car, Settings(), drive)
-        columns = [(_features(car, effect.make(effect.step, other, np.random.default_rng(seed)), drive) - base) / effect.step]
+        columns = [
+            (_features(car, effect.make(effect.step, other, np.random.default_rng(seed)), drive) - base) / effect.step
+        ]
         for name in ("mass", "crr", "cd_a", "rho"):
             columns.append((_features(car, Settings({name: 1.01}), drive) - base) / 0.01)
         columns.append((_features(car, Settings(heat=0.99), drive) - base) / 0.01)
         columns.append((_features(car, Settings(box={"radius": 1.01}), drive) - base) / 0.01)
         for other_trip in range(len(drives)):
             for wind in ("wind_n", "wind_e"):
-                own = (_features(car, Settings({wind: 1.0}), drive) - base) if other_trip == number else np.zeros_like(base)
+                own = (
+                    (_features(car, Settings({wind: 1.0}), drive) - base)
+                    if other_trip == number
+                    else np.zeros_like(base)
+                )
                 columns.append(own)
         rows.append(np.stack(columns, axis=1) / sigma[:, None])
     j = np.concatenate(rows)

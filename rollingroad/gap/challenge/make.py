@@ -1,8 +1,8 @@
 """Make a blind set: cases as folders, the key sealed by a salted hash that is written before any log.
 
-    DIR/manifest.json            seed, cases, what each case hides from the catalogue, sha256 of the key
-    DIR/key/key.json             the key and its salt; `score` alone opens it
-    DIR/case_000/car.xml, road.osm, reference/*.dat, logs/*.dat
+DIR/manifest.json            seed, cases, what each case hides from the catalogue, sha256 of the key
+DIR/key/key.json             the key and its salt; `score` alone opens it
+DIR/case_000/car.xml, road.osm, reference/*.dat, logs/*.dat
 """
 
 import hashlib
@@ -142,7 +142,11 @@ def _settings(parts: tuple[Part, ...]) -> Settings:
     for part in parts:
         new = BY_ID[part.effect].make(part.size, part.other, np.random.default_rng(part.seed))
         total = Settings(
-            total.truth | new.truth, total.box | new.box, total.road | new.road, total.heat * new.heat, max(total.gusts, new.gusts)
+            total.truth | new.truth,
+            total.box | new.box,
+            total.road | new.road,
+            total.heat * new.heat,
+            max(total.gusts, new.gusts),
         )
     return total
 
@@ -156,7 +160,8 @@ def _plan(number: int, kind: str, seed: int) -> Plan:
     straight = kind == "confusable" and rng.random() < 0.5
     traffic = kind == "traffic"
     drives = [
-        _drive(case_seed, "log", i, car, _road(case_seed, "log", i, straight, traffic), Settings(), traffic) for i in range(logs)
+        _drive(case_seed, "log", i, car, _road(case_seed, "log", i, straight, traffic), Settings(), traffic)
+        for i in range(logs)
     ]
     strength = float(rng.choice(STRENGTHS, p=STRENGTH_SHARES))
 
@@ -178,7 +183,16 @@ def _plan(number: int, kind: str, seed: int) -> Plan:
     elif kind == "sensor":
         parts = (drawn(sensors, strength, False),)
     elif kind == "other_way":
-        ids = ("head_wind", "tyre_warm_up", "cold_start", "enrichment", "brake_drag", "gearbox_oil_cold", "ac_cycling", "map_drift")
+        ids = (
+            "head_wind",
+            "tyre_warm_up",
+            "cold_start",
+            "enrichment",
+            "brake_drag",
+            "gearbox_oil_cold",
+            "ac_cycling",
+            "map_drift",
+        )
         parts = (drawn([BY_ID[i] for i in ids], strength, True),)
     elif kind == "hidden":
         strength = float(rng.choice([2.0, 4.0], p=[0.6, 0.4]))
@@ -192,7 +206,11 @@ def _plan(number: int, kind: str, seed: int) -> Plan:
         rest = [e for e in (*physics, *sensors) if first and not effects.same_class(e.id, first.effect)]
         parts = (first, drawn(rest, 4.0, False))
     elif kind == "confusable":
-        ids = ("head_wind", "drag_area") if straight else ("head_wind", "drag_area", "air_density", "rolling_resistance", "brake_drag")
+        ids = (
+            ("head_wind", "drag_area")
+            if straight
+            else ("head_wind", "drag_area", "air_density", "rolling_resistance", "brake_drag")
+        )
         parts = (drawn([BY_ID[i] for i in ids], strength, False),)
     kept = tuple(p for p in parts if p is not None)
     if hidden:

@@ -16,7 +16,9 @@ KINDS = {
 }
 
 
-def draw(rng: np.random.Generator, length: float, mix: dict[str, float], *, hills: float = 1.0, straight: bool = False) -> Road:
+def draw(
+    rng: np.random.Generator, length: float, mix: dict[str, float], *, hills: float = 1.0, straight: bool = False
+) -> Road:
     """Draw a route of about `length` m; `mix` gives the share of each kind; `straight` keeps one heading."""
     total = sum(mix.values())
     curvature, wish, grade_sd, stops = [], [], [], []
@@ -60,7 +62,9 @@ def draw(rng: np.random.Generator, length: float, mix: dict[str, float], *, hill
     return Road(DS, altitude, pitch, heading, kappa, speed, north, east, np.array(stops), waits, limit)
 
 
-def osm(roads: list[Road], rng: np.random.Generator, *, altitude_error: float = 1.0, bias: float = 0.0, first: int = 1) -> str:
+def osm(
+    roads: list[Road], rng: np.random.Generator, *, altitude_error: float = 1.0, bias: float = 0.0, first: int = 1
+) -> str:
     """The map: one way per route with nodes every 50 m, altitudes off by `altitude_error` m (sd).
 
     `bias` adds a false grade (rise per m, along the way); ids count from `first`.
@@ -73,7 +77,9 @@ def osm(roads: list[Road], rng: np.random.Generator, *, altitude_error: float = 
         lat, lon = geodetic(road.north[index], road.east[index])
         refs = []
         for k in range(len(index)):
-            nodes.append(f'<node id="{number}" lat="{lat[k]:.8f}" lon="{lon[k]:.8f}"><tag k="ele" v="{ele[k]:.2f}"/></node>')
+            nodes.append(
+                f'<node id="{number}" lat="{lat[k]:.8f}" lon="{lon[k]:.8f}"><tag k="ele" v="{ele[k]:.2f}"/></node>'
+            )
             refs.append(f'<nd ref="{number}"/>')
             number += 1
         ways.append(f'<way id="{first + w}">{"".join(refs)}<tag k="highway" v="secondary"/></way>')

@@ -56,7 +56,12 @@ def score(folder: Path) -> dict[str, Any]:
         "exact_top1": _mean(known, lambda r: _ranked(r)[0] == [r["parts"][0]["effect"]]),
     }
     out["controls"] = _controls(known)
-    out["cases"] = {"all": len(rows), "gap_free": len(free), "known_at_2": len(known), "hidden_at_2_or_more": len(hidden)}
+    out["cases"] = {
+        "all": len(rows),
+        "gap_free": len(free),
+        "known_at_2": len(known),
+        "hidden_at_2_or_more": len(hidden),
+    }
     return out
 
 

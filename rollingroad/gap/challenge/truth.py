@@ -24,7 +24,17 @@ CAR_FIELDS = (
     "f0", "f1", "f2", "p0", "p1", "eta0", "eta_n", "n0", "eta_l", "t_max", "n_peak", "t_flat", "idle_speed", "redline",
     "eta_gear", "drag_out", "accessory",
 )  # fmt: skip
-DRIVER_FIELDS = ("accel", "decel", "up_rpm", "down_rpm", "speed_factor", "shift_time", "gain", "launch_speed", "lift_time")
+DRIVER_FIELDS = (
+    "accel",
+    "decel",
+    "up_rpm",
+    "down_rpm",
+    "speed_factor",
+    "shift_time",
+    "gain",
+    "launch_speed",
+    "lift_time",
+)
 EFFECT_FIELDS = (
     "wind_n", "wind_e", "yaw_k", "crr", "tyre_k1", "tyre_d1", "tyre_k2", "tyre_t2", "mass", "cd_a", "rho",
     "cold_k1", "cold_e1", "cold_k2", "cold_t2", "crank_gain", "crank_t", "crank_rpm", "oil_k", "oil_d",
@@ -229,7 +239,11 @@ def _drive(c, ratios, d, p, ds, altitude, pitch, heading, curvature, wish, stops
             if lift or torque < overrun - parasitic / w:
                 torque = overrun - parasitic / w
             through = torque * ratio * (eta if torque > 0.0 else 1.0 / eta) - c[25]
-            brake = max(0.0, through - total + c[25]) if wanted < -0.15 and not lift and through > total - c[25] + 1.0 else 0.0
+            brake = (
+                max(0.0, through - total + c[25])
+                if wanted < -0.15 and not lift and through > total - c[25] + 1.0
+                else 0.0
+            )
             accel = (through - force - brake) / (inertia_m + equivalent)
             thrust = through - equivalent * accel
         # --- fuel
@@ -306,7 +320,9 @@ def _along(c, ratios, p, t, s, v, a, gear, clutch, w, heading, pitch, kappa, hea
         force = 0.5 * c[4] * p[RHO] * c[3] * p[CD_A] * (1.0 + p[YAW_K] * beta * beta) * along * abs(along)
         tyre = p[CRR] + p[TYRE_K1] * np.exp(-moved[i] / p[TYRE_D1]) + p[TYRE_K2] * np.exp(-t[i] / p[TYRE_T2])
         side = mass * v[i] * v[i] * kappa[i]
-        extra = p[BRAKE_DRAG] + p[BRAKE_HEAT] * brake_heat[i] + p[CORNER] * side * side + p[BEARING] * v[i] * t[i] / 600.0
+        extra = (
+            p[BRAKE_DRAG] + p[BRAKE_HEAT] * brake_heat[i] + p[CORNER] * side * side + p[BEARING] * v[i] * t[i] / 600.0
+        )
         extra += p[SECTOR_K] * v[i] ** 2 * max(0.0, np.cos(psi - p[SECTOR_PSI])) ** 4
         if p[WET_K] != 0.0 and (t[i] % p[WET_PERIOD]) > 0.5 * p[WET_PERIOD]:
             extra += p[WET_K] * v[i] * v[i]
@@ -332,7 +348,9 @@ def _along(c, ratios, p, t, s, v, a, gear, clutch, w, heading, pitch, kappa, hea
             coast[i] = -(force + (mass + c[1]) * a[i]) + (overrun - parasitic / w[i]) * ratio / eta
         gross = torque + parasitic / max(w[i], 30.0)
         load = min(1.0, max(0.0, gross / t_max))
-        burnt = p[CUT_LOST] * _fuel(w[i], 0.0, c, p, friction, 0.0) if cut[i] else _fuel(w[i], gross, c, p, friction, load)
+        burnt = (
+            p[CUT_LOST] * _fuel(w[i], 0.0, c, p, friction, 0.0) if cut[i] else _fuel(w[i], gross, c, p, friction, load)
+        )
         if clutch[i] == 0.0 and w[i] < 1.35 * c[22]:
             burnt *= 1.0 + p[IDLE_GAIN]
         if t[i] < p[CRANK_T]:
@@ -342,7 +360,9 @@ def _along(c, ratios, p, t, s, v, a, gear, clutch, w, heading, pitch, kappa, hea
     return fuel, coast
 
 
-def along(car: dict[str, float], ratios: NDArray, effects: dict[str, float], drive: dict[str, NDArray]) -> tuple[NDArray, NDArray]:
+def along(
+    car: dict[str, float], ratios: NDArray, effects: dict[str, float], drive: dict[str, NDArray]
+) -> tuple[NDArray, NDArray]:
     """Fuel (W) and coasting force (N) at each sample of `drive` if the same motion were driven under `effects`."""
     p = np.array([{**NEUTRAL, **effects}[name] for name in EFFECT_FIELDS])
     c = np.array([car[name] for name in CAR_FIELDS])

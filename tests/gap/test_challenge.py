@@ -1,0 +1,90 @@
+"""The blind set: apart from the plant, sealed before it is made, the same under the same seed."""
+
+import ast
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rollingroad.gap.challenge as challenge
+from rollingroad.gap.challenge import cars, effects, limits, routes, truth
+from rollingroad.gap.challenge.make import make
+from rollingroad.gap.challenge.score import score
+from vehicle_model.car.errors import BadInput
+
+GENERATOR = ("box.py", "cars.py", "effects.py", "limits.py", "make.py", "routes.py", "truth.py")
+
+
+@pytest.fixture(scope="module")
+def drive():
+    """A car, a road and the car's neutral drive over it."""
+    rng = np.random.default_rng(3)
+    car = cars.draw(rng)
+    road = routes.draw(rng, 5000, {"town": 0.4, "rural": 0.6, "motorway": 0.0})
+    driver = {"accel": 1.6, "decel": 1.3, "up_rpm": 2800, "down_rpm": 1500, "speed_factor": 1.0, "shift_time": 0.5,
+              "gain": 0.6, "launch_speed": 150, "lift_time": 5}  # fmt: skip
+    still = np.zeros(3000)
+    return car, road, driver, truth.simulate(car.true, car.ratios, driver, road, {}, still + 1.0, still)
+
+
+def test_the_generator_imports_nothing_of_the_plant() -> None:
+    """Given the generator's files, then none imports the product's plant, replay or diagnosis."""
+    folder = Path(challenge.__file__).parent
+    for name in GENERATOR:
+        for node in ast.walk(ast.parse((folder / name).read_text())):
+            modules = [a.name for a in node.names] if isinstance(node, ast.Import) else []
+            modules += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            for module in modules:
+                assert not module.startswith("vehicle_model.plant"), f"{name}: {module}"
+                assert not module.startswith("rollingroad.gap") or module.startswith("rollingroad.gap.challenge"), f"{name}: {module}"
+
+
+def test_energy_of_the_drive_closes(drive) -> None:
+    """Given a drive, then thrust less brakes less resistance is the change of kinetic energy (rectangles of 0.1 s: 3 %)."""
+    car, _, _, d = drive
+    inertia = car.true["mass"] + car.true["wheel_inertia_mass"]
+    work = np.sum((d["thrust"] - d["brake"]) * d["speed"]) * 0.1
+    drag = np.sum(0.5 * car.true["rho"] * car.true["cd_a"] * d["speed"] ** 3) * 0.1
+    roll = np.sum(car.true["mass"] * 9.805 * car.true["c_rr"] * np.cos(d["pitch"]) * d["speed"]) * 0.1
+    climb = car.true["mass"] * 9.805 * (d["altitude"][-1] - d["altitude"][0])
+    kinetic = 0.5 * inertia * (d["speed"][-1] ** 2 - d["speed"][0] ** 2)
+    assert work == pytest.approx(drag + roll + climb + kinetic, abs=0.03 * np.sum(np.abs(d["thrust"]) * d["speed"]) * 0.1)
+
+
+def test_sealed_before_and_the_same_under_the_same_seed(tmp_path: Path) -> None:
+    """Given a seed, then the hash in the manifest is the key's, and a second making gives the same bytes."""
+    for name in ("a", "b"):
+        make(2, 7, tmp_path / name, workers=1)
+    files = sorted(p.relative_to(tmp_path / "a") for p in (tmp_path / "a").rglob("*") if p.is_file())
+    assert any(f.suffix == ".dat" for f in files)
+    for name in files:
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes(), name
+    sealed = json.loads((tmp_path / "a" / "key" / "key.json").read_text())
+    body = json.dumps(sealed["key"], sort_keys=True)
+    manifest = json.loads((tmp_path / "a" / "manifest.json").read_text())
+    assert hashlib.sha256((sealed["salt"] + body).encode()).hexdigest() == manifest["key_sha256"]
+    sealed["key"][0]["kind"] = "traffic"
+    (tmp_path / "a" / "key" / "key.json").write_text(json.dumps(sealed))
+    with pytest.raises(BadInput, match="committed"):
+        score(tmp_path / "a")
+    with pytest.raises(BadInput, match="new or empty"):
+        make(1, 7, tmp_path / "a", workers=1)
+
+
+@pytest.mark.parametrize("name", ["drag_area", "accessory_load", "gps_lag", "wheel_radius"])
+def test_more_trips_lower_the_limit(drive, name: str) -> None:
+    """Given more of the same trips, then the detection limit does not rise."""
+    car, _, _, d = drive
+    effect = effects.BY_ID[name]
+    one = limits.detection_limit(effect, False, 1, car, [d])
+    assert 0.0 < limits.detection_limit(effect, False, 1, car, [d, d, d]) <= one * 1.0001
+
+
+def test_along_gives_the_drives_own_fuel(drive) -> None:
+    """Given the drive's own motion, when solved for itself, then the fuel in gear is the forward drive's within 3 %."""
+    car, _, _, d = drive
+    fuel, _ = truth.along(car.true, car.ratios, {}, d)
+    steady = (d["clutch"] == 1) & (d["burnt"] > 0) & (d["thrust"] > 50)
+    assert fuel[steady].sum() == pytest.approx(d["burnt"][steady].sum(), rel=0.03)
