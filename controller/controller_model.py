@@ -71,7 +71,7 @@ class ControllerModel:
         return (engine_speed * torque / speed - self.road_load(speed)) / self.accelerated_mass
 
     def kernel_parameters(self) -> NDArray[np.float64]:
-        """Flat parameters of the kernels: M_a, M C_rr g, rho C_d A / 2, phi (6), bounds of w and T, penalty, soft limit."""
+        """Flat, for the kernels: M_a, M C_rr g, rho C_d A / 2, phi (6), bounds of w and T, penalty, soft limit."""
         return np.array(
             [
                 self.accelerated_mass,

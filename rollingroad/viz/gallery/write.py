@@ -5,14 +5,15 @@ from pathlib import Path
 from rollingroad.run import Run
 from rollingroad.viz import figures
 from rollingroad.viz.charts import Chart
+from rollingroad.viz.gallery.control import control_charts
 from rollingroad.viz.gallery.efficiency import efficiency_charts
 from rollingroad.viz.gallery.sensing import sensing_charts
 from rollingroad.viz.page import write_page
 
 
 def gallery_charts(run: Run) -> list[Chart]:
-    """Every figure that one run can give, in the thesis' order."""
-    made = [*sensing_charts(run), *efficiency_charts(run)]
+    """Every figure that one run can give, and those of optimal control, in the thesis' order."""
+    made = [*sensing_charts(run), *efficiency_charts(run), *control_charts()]
     return sorted(made, key=lambda chart: _order(chart.key))
 
 
@@ -29,6 +30,7 @@ def write_gallery(run: Run, folder: Path) -> list[Path]:
     return paths
 
 
-def _order(key: str) -> tuple[str, int]:
+def _order(key: str) -> tuple[str, int, str]:
     chapter, number = key.removeprefix("figure-").split(".")
-    return chapter, int(number)
+    part = number.lstrip("0123456789")
+    return chapter, int(number.removesuffix(part)), part
