@@ -114,7 +114,7 @@ def solve_table(result: Mapping[str, Any]) -> None:
     out = console()
     table = Table(title=result["case"])
     for name in ("method", "fuel, kJ", "time, s", "shifts at, rpm", "drift of H", "gap", "took", ""):
-        table.add_column(name)
+        table.add_column(name, no_wrap=name in ("method", "took"))
     for row in result["solutions"]:
         proof = row["certificate"]
         table.add_row(
@@ -128,6 +128,10 @@ def solve_table(result: Mapping[str, Any]) -> None:
             "" if proof["refused"] is None else f"refused: {proof['refused']}",
         )
     out.print(table)
+    for row in result["solutions"]:
+        if row.get("notes"):
+            notes = ", ".join(f"{name.replace('_', ' ')} {_flat(value)}" for name, value in row["notes"].items())
+            out.print(f"{row['method']}: {notes}", soft_wrap=True)
 
 
 def scenario_table(found: Mapping[str, Any]) -> None:
