@@ -12,7 +12,8 @@ Channels (value: unit)
     height_map    m      the road map's altitude less the same
     clock_rate    s/s    what the logger's clock gains on the receiver's
     gnss_second   m/s    as gnss_speed, of a second receiver
-The thrust that a filter infers is no channel: it is built from acceleration and believed resistances, so a force balance
+The thrust that a filter infers is no channel: it is built from acceleration and believed resistances, so a force
+balance
 of it is true by construction. Fuel against required work, and coasting, are independent.
 """
 
@@ -320,11 +321,12 @@ def _layout(trace: Trace, samples: Samples, nominal: Replay, car: Car, coarse: b
 
 
 def _doubt_brakes(columns: dict[str, list], part: tuple[NDArray, NDArray, NDArray], nominal: Replay) -> list:
-    """Deviations, larger for coasting blocks that stand above the trip's lower levels: there a light brake is likely."""
+    """Deviations, larger for coasting blocks that stand above the trip's lower levels: there a light brake is
+    likely."""
     index, number, count = part
     value = np.bincount(number, (nominal.overrun_force - nominal.road_force)[index]) / count
     usual = np.percentile(value, 35)
-    at = [i for i, rows in enumerate(columns["channel"]) if rows[0] == CHANNELS.index("coast_force")][0]
+    at = next(i for i, rows in enumerate(columns["channel"]) if rows[0] == CHANNELS.index("coast_force"))
     sigma = columns["sigma"]
     return [np.maximum(rows, np.abs(value - usual) / 1.2) if i == at else rows for i, rows in enumerate(sigma)]
 
@@ -340,7 +342,8 @@ def _events(mask: NDArray[np.bool_], shortest: int, longest: int) -> tuple[NDArr
 
 
 def values(p: Prepared, car: Car, vector: Array, correction: Correction | None = None) -> Array:
-    """Residual of each block, (m,): measured less replay under the plant's `vector`, its fuel corrected as the reference
+    """Residual of each block, (m,): measured less replay under the plant's `vector`, its fuel corrected as the
+    reference
     trips showed (a setting that moves the torque moves along the *corrected* map)."""
     s, trace, layout = p.samples, p.trace, p.layout
     nominal = replay_vector(vector, s.motion)
@@ -391,5 +394,5 @@ def block_means(p: Prepared, channel: str, sample: Array) -> Array:
 
 def resensed(p: Prepared, trace: Trace, car: Car, vector: Array) -> Prepared:
     """The same trip and blocks with another `trace`: what a sensor's departure makes of the channels."""
-    motion, height, bias, bias_sd = motion_of(trace, car, float(vector[k.P_IDLE]))
+    motion, height, bias, _ = motion_of(trace, car, float(vector[k.P_IDLE]))
     return replace(p, trace=trace, samples=replace(p.samples, motion=motion, height=height, fuel=trace.fuel, bias=bias))

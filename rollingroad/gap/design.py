@@ -200,8 +200,8 @@ def trip_columns(
         rows.append(("fix_time", block_means(p, "gnss_speed", -_at_fixes(p, m.acceleration)), 0.012))
     rows.append(("launch_habit", block_means(p, "launch_speed", np.ones(len(m.time))), 25.0))
     rows.append(("shift_habit", block_means(p, "shift_time", np.ones(len(m.time))), 0.06))
-    rows.append(("trip_fuel", fuel, 0.025 / root * 1.5 if coarse else 0.0015))
-    rows.append(("trip_load", block_means(p, "fuel_power", np.ones(len(m.time))), 100.0 if coarse else 40.0))
+    rows.append(("trip_fuel", fuel, 0.025 / root * 1.5 if coarse else 0.0008))
+    rows.append(("trip_load", block_means(p, "fuel_power", np.ones(len(m.time))), 100.0 if coarse else 15.0))
     return Columns.of(rows, len(base))
 
 
@@ -215,7 +215,8 @@ def _at_fixes(p: Prepared, sample: Array) -> Array:
 
 @dataclass(frozen=True)
 class Noise:
-    """Per channel: share that is correlated, and over which time (s); per channel and regime: factor on the first idea."""
+    """Per channel: share that is correlated, and over which time (s); per channel and regime: factor on the first
+    idea."""
 
     scale: Array
     """(channels, regimes)."""

@@ -63,7 +63,8 @@ def diagnose(
 
 
 def investigate(
-    car_path: Path, logs_dir: Path, reference_dir: Path | None = None, road: Path | None = None, hide: Sequence[str] = (),
+    car_path: Path, logs_dir: Path, reference_dir: Path | None = None, road: Path | None = None, hide: Sequence[str]
+    = (),
     *, workers: int = 1,
 ) -> Diagnosis:  # fmt: skip
     """Read, compare, weigh. `workers` processes share the trips."""
@@ -205,7 +206,8 @@ def _one(job: tuple[SensorLog, Car, Road | None, Mapping[str, float] | None]) ->
         if trace.time[-1] - trace.time[0] < SHORTEST:
             return (
                 None,
-                f"{log.name}: {trace.time[-1] - trace.time[0]:.0f} s, too short to tell anything ({SHORTEST:.0f} s are needed)",
+                f"{log.name}: {trace.time[-1] - trace.time[0]:.0f} s, too short to tell anything "
+                f"({SHORTEST:.0f} s are needed)",
             )
         told = check(log, trace, car)
         p = prepare(trace, car, vector)

@@ -7,6 +7,7 @@ one Gram matrix per trip, so that held-out trips, pairs and cross-validation are
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +56,7 @@ class Library:
     def places(self) -> list[slice]:
         """Columns of each variant within the effects' block."""
         ends = np.cumsum([0] + [len(v.columns) for v in self.variants])
-        return [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+        return [slice(int(a), int(b)) for a, b in pairwise(ends)]
 
     @property
     def sd(self) -> Array:
@@ -198,7 +199,8 @@ def _information(gram: Array, layout: Layout, scale: float = 1.0) -> tuple[Array
 
 
 NO_REFERENCE = 0.12
-"""Without reference trips the simulator's own map is what is compared: the correction keeps this share of its freedom."""
+"""Without reference trips the simulator's own map is what is compared: the correction keeps this share of its
+freedom."""
 KEPT = ("bias_x", "gnss.lag", "gnss.scale", "launch_speed.offset", "shift_time.offset", "squat")
 """Calibration columns of the box and of the driver's habits, which are free without references too."""
 
@@ -350,13 +352,13 @@ class Thresholds:
 
     prior_none: float = 0.5
     prior_single: float = 0.33
-    prior_pair: float = 0.07
+    prior_pair: float = 0.03
     prior_outside: float = 0.10
-    misfit: float = 0.08
+    misfit: float = 0.12
     temperature: float = 1.0
     alike: float = 0.85
     """Correlation with a named effect above which a regressor is that effect and not something else."""
-    barrier: float = 3.0
+    barrier: float = 3.5
     """log units that any cause must overcome before "nothing" loses: pays for looking everywhere."""
 
 

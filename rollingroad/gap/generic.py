@@ -1,4 +1,5 @@
-"""Physical regressors for what the catalogue does not hold: forces, powers, fuel shares and sensor errors, with units."""
+"""Physical regressors for what the catalogue does not hold: forces, powers, fuel shares and sensor errors, with
+units."""
 
 from dataclasses import dataclass
 
@@ -72,21 +73,25 @@ def library(car: Car) -> list[Regressor]:
         rows.append((f"force_v2_{degrees}", f"a force growing with speed squared, on heading {degrees} degrees only",
                      "N s2/m2", weight / 150, "road_load"))  # fmt: skip
     for i in range(6):
-        rows.append((f"force_v2_part{i}", f"a force growing with speed squared, in the {i + 1}. of six stretches of each trip only",
+        rows.append((f"force_v2_part{i}",
+            f"a force growing with speed squared, in the {i + 1}. of six stretches of each trip only",
                      "N s2/m2", weight / 150, "road_load"))  # fmt: skip
     for period in (120.0, 200.0, 300.0, 400.0):
         for phase in ("cos", "sin"):
-            rows.append((f"force_v2_{phase}{period:g}", f"a force growing with speed squared that comes and goes every {period:g} s",
+            rows.append((f"force_v2_{phase}{period:g}",
+                f"a force growing with speed squared that comes and goes every {period:g} s",
                          "N s2/m2", weight / 150, "road_load"))  # fmt: skip
     return [Regressor(*row) for row in rows]
 
 
 STATE = frozenset({
-    "fuel_rise", "fuel_w", "fuel_w2", "fuel_load", "fuel_load2", "fuel_1", "fuel_flow", "fuel_overrun", "force_v", "force_v3",
+    "fuel_rise", "fuel_w", "fuel_w2", "fuel_load", "fuel_load2", "fuel_1", "fuel_flow", "fuel_overrun", "force_v",
+    "force_v3",
     "force_side", "force_a", "force_climb", "force_brake", "power_slow", "power_fast", "power_still", "power_moving",
     "loss_share", "gnss_1", "gnss_v2", "gnss_turn",
 })  # fmt: skip
-"""Regressors that are functions of the present state alone: how the nominal simulator may differ from this car for ever,
+"""Regressors that are functions of the present state alone: how the nominal simulator may differ from this car for
+ever,
 which reference trips show. (What depends on time, place or heading is no property of the car.)"""
 
 
@@ -127,13 +132,16 @@ def columns(c: Context) -> Array:
     one = np.ones_like(v)
     out = [
         force(one), force(v), force(v**2), force(v**3), force(side), force(side**2), force(t), force(v * t),
-        force(v**2 * t), force(np.exp(-t / 300)), force(np.exp(-m.distance / 4000)), force(m.acceleration), force(climb),
+        force(v**2 * t), force(np.exp(-t / 300)), force(np.exp(-m.distance / 4000)), force(m.acceleration),
+        force(climb),
         force(m.brake_heat), burn(slope * firing), burn(slope * firing * w), burn(slope * firing * (v < 8.3)),
-        burn(slope * firing * (v > 19.4)), burn(slope * firing * t), burn(slope * firing * (v < 0.3)), burn(slope * firing * moving),
+        burn(slope * firing * (v > 19.4)), burn(slope * firing * t), burn(slope * firing * (v < 0.3)), burn(slope *
+        firing * moving),
         fuel, burn(w * firing), burn(w**2 * firing), fuel * load,
         fuel * load**2, fuel * np.maximum(load - 0.4, 0.0) * at, fuel * at, fuel**2,
         burn(rise), burn(np.exp(-t / 150)), burn(r.cut), burn(slope * np.maximum(r.road_force, 0) * v * drive),
-        gnss(one), gnss(v**2), gnss(v * t), gnss(v * m.curvature), block_means(p, "height_gps", fix(t)) if p.trace.gps else zero,
+        gnss(one), gnss(v**2), gnss(v * t), gnss(v * m.curvature), block_means(p, "height_gps",
+            fix(t)) if p.trace.gps else zero,
     ]  # fmt: skip
     for i in range(8):
         out.append(force(v**2 * np.maximum(np.cos(heading - i * np.pi / 4), 0.0) ** 4))

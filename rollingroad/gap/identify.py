@@ -8,9 +8,11 @@ from rollingroad.gap.evidence import Library, Posterior, Reduced, Trip, cosine, 
 
 SUBSYSTEM: Mapping[str, str] = {
     **dict.fromkeys(
-        ("head_wind", "cross_wind", "rolling_resistance", "tyre_warm_up", "mass", "drag_area", "air_density", "cornering_drag",
+        ("head_wind", "cross_wind", "rolling_resistance", "tyre_warm_up", "mass", "drag_area", "air_density",
+            "cornering_drag",
          "brake_drag"), "road_load"),
-    **dict.fromkeys(("cold_start", "cranking_fuel", "enrichment", "fuel_cutoff", "idle_fuel", "fuel_energy", "map_drift",
+    **dict.fromkeys(("cold_start", "cranking_fuel", "enrichment", "fuel_cutoff", "idle_fuel", "fuel_energy",
+        "map_drift",
                      "turbo_lag"), "engine_fuel"),
     **dict.fromkeys(("gearbox_oil_cold", "driveline_loss", "clutch_slip", "shift_loss"), "driveline"),
     **dict.fromkeys(("accessory_load", "ac_cycling"), "accessory"),

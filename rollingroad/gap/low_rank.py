@@ -20,7 +20,8 @@ USED = ("fuel_power", "coast_force", "gnss_speed", "gear_ratio", "height_gps", "
 
 @dataclass(frozen=True)
 class LowRank:
-    """`directions` (k, channels): columns of A_q, as rows; `values` (k,) per sqrt(window); noise alone gives about 1."""
+    """`directions` (k, channels): columns of A_q, as rows; `values` (k,) per sqrt(window); noise alone gives about
+    1."""
 
     channels: tuple[str, ...]
     directions: NDArray[np.float64]

@@ -34,7 +34,8 @@ def check(log: SensorLog, trace: Trace, car: Car) -> list[str]:
             ratio = float(np.median(trace.gps["speed"][ok] / both[ok]))
             if not 0.85 < ratio < 1.15:
                 raise BadInput(
-                    log.name, "wheel", f"wheel speed near the receiver's (metersPerTick {car.metres_per_tick:.4f}), found "
+                    log.name, "wheel",
+                    f"wheel speed near the receiver's (metersPerTick {car.metres_per_tick:.4f}), found "
                     f"receiver / wheel = {ratio:.2f}: another car, or another unit",
                 )  # fmt: skip
     force = np.stack([trace.force, trace.lateral, trace.vertical])
@@ -50,7 +51,8 @@ def check(log: SensorLog, trace: Trace, car: Car) -> list[str]:
     if known.any():
         mean = float(np.mean(trace.fuel[known]))
         if mean > 1.5 * car.engine.max_power / 0.25 or (mean < 300.0 and mean > 0.0):
-            raise BadInput(log.name, "fuel", f"a mean fuel power between 0.3 kW and {6e-3 * car.engine.max_power:.0f} kW, "
+            raise BadInput(log.name, "fuel",
+                f"a mean fuel power between 0.3 kW and {6e-3 * car.engine.max_power:.0f} kW, "
                            f"found {mean / 1e3:.3g} kW: a wrong unit or flow")  # fmt: skip
         if np.nanstd(trace.fuel) < 1e-6:
             notes.append(f"{log.name}: fuel is constant; nothing is concluded from it")
@@ -74,6 +76,7 @@ def _check_gears(log: SensorLog, trace: Trace, car: Car, moving: NDArray[np.bool
     if near.mean() < LOCKED:
         typical = ", ".join(f"{x:.2f}" for x in np.percentile(shown[calm], [10, 50, 90]))
         raise BadInput(
-            log.name, "engine speed / wheel speed", f"one of the car's gears ({', '.join(f'{r:g}' for r in ratios)}), found "
+            log.name, "engine speed / wheel speed",
+            f"one of the car's gears ({', '.join(f'{r:g}' for r in ratios)}), found "
             f"{typical} (10, 50, 90 %): another car than {car.name}",
         )  # fmt: skip

@@ -1,4 +1,5 @@
-"""A trip brought onto one even grid: speed from wheel ticks, engine speed and fuel from injector pulses, specific force.
+"""A trip brought onto one even grid: speed from wheel ticks, engine speed and fuel from injector pulses, specific
+force.
 
 Every channel comes from its own sensor, so that later a disagreement between two of them says something. (A filter's
 smoothed states have fused it away.) Units SI, conventions of `vehicle_model.car`.
@@ -94,7 +95,8 @@ def reconstruct(log: SensorLog, car: Car, road: Road | None) -> Trace:
                 near = np.interp(t, seen, good.astype(float)) > 0.5
                 altitude[~near] = np.nan
     return Trace(
-        log.name, t, STEP, speed, acceleration, fuel, omega, gear, cut, *body, heading, curvature, altitude, saturated, gps,
+        log.name, t, STEP, speed, acceleration, fuel, omega, gear, cut, *body, heading, curvature, altitude,
+        saturated, gps,
         clock, pulses, origin,
     )  # fmt: skip
 
@@ -123,7 +125,8 @@ def _from_columns(log: SensorLog, car: Car) -> Trace:
     return Trace(
         log.name, grid, step, v, a, fuel, omega, gear, cut, force, lateral, vertical,
         unknown.copy(), np.zeros(n), unknown.copy(), np.zeros(n, bool), gps, clock, {}, origin,
-        {name: np.asarray(log["gps_second"][name], float) for name in ("t", "speed")} if len(log["gps_second"]) >= 10 else {},
+        {name: np.asarray(log["gps_second"][name], float) for name in ("t",
+            "speed")} if len(log["gps_second"]) >= 10 else {},
     )  # fmt: skip
 
 

@@ -4,6 +4,7 @@ import base64
 import html
 import io
 import json
+from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,32 +25,7 @@ from matplotlib import pyplot as plt
 if TYPE_CHECKING:
     from rollingroad.gap.diagnose import Diagnosis
 
-PAGE = """<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Sim-to-real gap: {{ car }}</title><style>
-body{font:16px/1.5 system-ui,sans-serif;max-width:1000px;margin:2rem auto;padding:0 1rem;color:#1b1f24}
-h1{font-size:1.6rem}h2{font-size:1.15rem;margin-top:2rem}table{border-collapse:collapse;width:100%}
-td,th{border-bottom:1px solid #ddd;padding:.3rem .6rem;text-align:left}td.n{text-align:right;font-variant-numeric:tabular-nums}
-img{max-width:100%}.lead{font-size:1.2rem}.small{color:#57606a;font-size:.9rem}</style></head><body>
-<h1>{{ car }}: the simulator against the road</h1>
-<p class="lead">{{ lead }}</p>
-<p class="small">{{ trips.diagnosed }} trips diagnosed, {{ trips.reference }} reference trips{% if not result.shrinkage.held_out %};
-one trip alone: the shrinkage is in-sample{% endif %}.</p>
-<h2>Which effect</h2><img alt="Causes with probabilities" src="{{ ranking }}">
-<table><tr><th>cause</th><th>probability</th><th>not separated from</th><th>what would separate them</th><th>size</th></tr>
-{% for c in result.causes %}{% if c.probability > 0.005 %}<tr><td>{{ c.effects|join(' and ') }}</td><td class="n">{{ '%.3f'|format(c.probability) }}</td>
-<td>{{ (c['class']|reject('in', c.effects)|list)|join(', ') }}</td><td>{{ c.separated_by|join('; ') }}</td>
-<td>{% for n, p in c.parameters.items() %}{% if p.sd is not none %}{{ n }} = {{ '%.4g'|format(p.value) }} &plusmn; {{ '%.2g'|format(p.sd) }} {{ p.unit }}<br>{% endif %}{% endfor %}</td></tr>
-{% endif %}{% endfor %}</table>
-<h2>Where</h2><table><tr><th>subsystem</th><th>channel</th><th>regime</th><th>share</th><th>p (adjusted)</th></tr>
-{% for w in result.where[:10] %}<tr><td>{{ w.subsystem }}</td><td>{{ w.channel }}</td><td>{{ w.regime }}</td><td class="n">{{ '%.2f'|format(w.share) }}</td>
-<td class="n">{{ '%.2g'|format(w.p_value) }}</td></tr>{% endfor %}</table>
-<img alt="Gap over engine speed and torque" src="{{ plane }}">
-<img alt="Residual over time before and after" src="{{ course }}">
-<h2>How far it shrinks</h2><img alt="Shrinkage" src="{{ bars }}">
-<p>{{ shrinkage }}</p>
-<h2>Independent departures</h2><p>Singular values of the residual channels (noise alone: about 1): {{ singular }}</p>
-<h2>Not testable with these logs</h2><ul>{% for n in result.not_testable %}<li>{{ n.effect }}: {{ n.because }}</li>{% endfor %}</ul>
-{% if result.notes %}<h2>Notes</h2><ul>{% for n in result.notes %}<li>{{ n }}</li>{% endfor %}</ul>{% endif %}
-<details><summary>All numbers</summary><pre>{{ everything }}</pre></details></body></html>"""
+PAGE = "report.html.j2"
 
 
 def write_report(d: "Diagnosis", out: Path) -> Path:
@@ -61,10 +37,13 @@ def write_report(d: "Diagnosis", out: Path) -> Path:
     recovered = "nothing to recover" if s["recovered"] is None else f"{100 * s['recovered']:.0f} % of the gap recovered"
     if s["ci95"]:
         recovered += f" (95 %: {100 * s['ci95'][0]:.0f} to {100 * s['ci95'][1]:.0f} %)"
-    page = Environment(autoescape=True).from_string(PAGE).render(
-        car=d.car.name, result=result, trips=result["trips"], lead=lead(result), ranking=_ranking(result), plane=_plane(d),
+    template = resources.files("rollingroad.gap").joinpath(PAGE).read_text()
+    page = Environment(autoescape=True).from_string(template).render(
+        car=d.car.name, result=result, trips=result["trips"], lead=lead(result), ranking=_ranking(result),
+        plane=_plane(d),
         course=_course(d), bars=_bars(result), singular=", ".join(f"{v:.2f}" for v in rank.values),
-        shrinkage=f"{recovered}; {s['channel']}, 30 s means: {s['before']:.4g} before, {s['after']:.4g} after, floor {s['floor']:.4g}.",
+        shrinkage=f"{recovered}; {s['channel']}, 30 s means: {s['before']:.4g} before, {s['after']:.4g} after, "
+        f"floor {s['floor']:.4g}.",
         everything=json.dumps(result, indent=1),
     )  # fmt: skip
     out.mkdir(parents=True, exist_ok=True)
@@ -87,11 +66,13 @@ def lead(result: dict[str, Any]) -> str:
     if verdict == "outside_catalogue":
         row = next(c for c in result["causes"] if c["effects"] == ["outside_catalogue"])
         words = " and ".join(row["parameters"]) or "no regressor carries it"
-        return f"Something that the catalogue does not hold (probability {row['probability']:.2f}). Hypothesis: {words}.{at}"
+        chance = f"(probability {row['probability']:.2f})"
+        return f"Something that the catalogue does not hold {chance}. Hypothesis: {words}.{at}"
     assert first is not None
     named = " and ".join(first["effects"])
     if verdict == "class":
-        return f"One of {', '.join(first['class'])}; these trips do not separate them. {'; '.join(first['separated_by'])}.{at}"
+        members, separators = ", ".join(first["class"]), "; ".join(first["separated_by"])
+        return f"One of {members}; these trips do not separate them. {separators}.{at}"
     return f"{named} (probability {first['probability']:.2f}).{at}"
 
 

@@ -92,7 +92,8 @@ def as_json(d: "Diagnosis") -> dict[str, Any]:
     early = bool(d.where) and d.where[0].regime == "first_600_s"
     return {
         "verdict": verdict(d),
-        "trips": {"diagnosed": len(d.logs), "held_out": len(d.logs) if s.held_out else 0, "reference": len(d.reference)},
+        "trips": {"diagnosed": len(d.logs), "held_out": len(d.logs) if s.held_out else 0,
+        "reference": len(d.reference)},
         "where": [vars(place) for place in d.where],
         "causes": rows,
         "shrinkage": {

@@ -53,7 +53,8 @@ class Place:
 
 
 def match(road: Road, north: NDArray, east: NDArray, course: NDArray, origin: tuple[float, float, float]) -> Place:
-    """Return the place on `road` of fixes at local `north`, `east` (m about `origin`) with `course` (rad, NaN unsaid)."""
+    """Return the place on `road` of fixes at local `north`, `east` (m about `origin`) with `course` (rad, NaN
+    unsaid)."""
     n = len(north)
     points, altitudes, headings, ways, along = [], [], [], [], []
     for number, way in enumerate(road.ways):

@@ -1,4 +1,5 @@
-"""How far the gap shrinks on trips that the fit has not seen, beside the wrong effect, a generic correction, the floor."""
+"""How far the gap shrinks on trips that the fit has not seen, beside the wrong effect, a generic correction, the
+floor."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -61,7 +62,8 @@ class _Case:
 
 
 def shrink(
-    trips: Sequence[Trip], whitened: Sequence[Whitened], reference: Sequence[Trip], layout: Layout, calibration: Calibration,
+    trips: Sequence[Trip], whitened: Sequence[Whitened], reference: Sequence[Trip], layout: Layout, calibration:
+    Calibration,
     posterior: Posterior, library: Library, hidden: Sequence[str],
 ) -> Shrinkage:  # fmt: skip
     """Fit on the other trips, judge on the one left out (on itself, if it is alone)."""

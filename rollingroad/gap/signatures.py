@@ -2,7 +2,8 @@
 
 A plant's effect: replay at neutral less replay with the setting. A sensor's effect: the trip's channels as that sensor
 would have told them. One effect has one or more *variants* (a time constant, a place on the map), of which the evidence
-is averaged; a variant has one or more columns, whose coefficients are the effect's parameters less their neutral values.
+is averaged; a variant has one or more columns, whose coefficients are the effect's parameters less their neutral
+values.
 """
 
 from collections.abc import Callable, Mapping
@@ -54,7 +55,8 @@ class Context:
     vector: Array
     base: Array
     fuel: Array
-    """(m,) W, what the calibrated simulator says that each fuel block burns. (The measured fuel as a regressor of itself
+    """(m,) W, what the calibrated simulator says that each fuel block burns. (The measured fuel as a regressor of
+    itself
     would explain its own noise.)"""
     correction: Correction | None = None
 
@@ -225,7 +227,8 @@ def variants(car: Car) -> list[Variant]:
         _plant("cranking_fuel", {"energy": (0.0, 2e4, "J", 3e4, 1), "idle_raise": (0.0, 20.0, "rad/s", 20.0, 1),
                                  "retard": (0.0, 0.2, "", 0.2, 1)}, {}),
         _warm("amount", "", 0.0, 1.0, 1.2, "gearbox_oil_cold",
-              [{"gearbox_oil_cold.distance": 4000.0}, {"gearbox_oil_cold.distance": 2000.0}, {"gearbox_oil_cold.distance": 8000.0}], 1),
+              [{"gearbox_oil_cold.distance": 4000.0}, {"gearbox_oil_cold.distance": 2000.0},
+              {"gearbox_oil_cold.distance": 8000.0}], 1),
         _plant("accessory_load", {"power": (0.0, 400.0, "W", 400.0, 0)}, {}),
         _plant("fuel_cutoff", {"share": (1.0, -0.5, "", 0.5, -1)}, {}),
         _plant("idle_fuel", {"factor": (1.0, 0.2, "", 0.2, 0)}, {}),
@@ -242,8 +245,10 @@ def variants(car: Car) -> list[Variant]:
         _sensor("wheel_slip", (Column("factor", "", 1.0, 1.0),), _wheel_slip),
         _sensor("wheel_radius", (Column("change", "", 0.0, 0.012), Column("growth", "", 0.0, 0.004)), _wheel_radius),
         _sensor("accelerometer_mount",
-                (Column("pitch", "rad", 0.0, 0.03), Column("scale", "", 0.0, 0.03), Column("drift", "m/s2/h", 0.0, 0.15)), _mount),
-        _sensor("gps_lag", (Column("seconds", "s", 0.2, 0.5), Column("seconds_of_second_receiver", "s", 0.2, 1.0)), _gps_lag),
+                (Column("pitch", "rad", 0.0, 0.03), Column("scale", "", 0.0, 0.03), Column("drift", "m/s2/h", 0.0,
+                    0.15)), _mount),
+        _sensor("gps_lag", (Column("seconds", "s", 0.2, 0.5), Column("seconds_of_second_receiver", "s", 0.2, 1.0)),
+            _gps_lag),
         _sensor("clock_skew", (Column("rate", "", 0.0, 1.5e-4),), _clock),
         _sensor("grade_map_error", (Column("bias", "", 0.0, 0.003),), lambda c: _grade_map(c)[:1]),
         _sensor("grade_map_error", (Column("shift", "m", 0.0, 15.0),), lambda c: _grade_map(c)[1:]),

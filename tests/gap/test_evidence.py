@@ -43,7 +43,9 @@ def test_posterior_is_generalised_least_squares() -> None:
     """Given wide priors, then value and covariance are those of least squares with the nuisance's covariance."""
     columns, y = _problem(2)
     found = fit(_reduced(columns, y), [0, 1, 2], np.full(3, 1e4))
-    noise = np.eye(len(y)) + np.outer(columns[:, 0], columns[:, 0]) / 9.0 + 0.25 * np.outer(columns[:, 1], columns[:, 1])
+    noise = (
+        np.eye(len(y)) + np.outer(columns[:, 0], columns[:, 0]) / 9.0 + 0.25 * np.outer(columns[:, 1], columns[:, 1])
+    )
     weight = np.linalg.inv(noise)
     x = columns[:, 2:]
     covariance = np.linalg.inv(x.T @ weight @ x)

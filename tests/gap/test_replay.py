@@ -35,7 +35,13 @@ def _driven(car: Car, settings: dict[str, float]) -> tuple[Motion, np.ndarray, n
 
 @pytest.mark.parametrize(
     "settings",
-    [{}, {"mass.factor": 1.15}, {"drag_area.factor": 1.2}, {"accessory_load.power": 600.0}, {"fuel_energy.factor": 0.96}],
+    [
+        {},
+        {"mass.factor": 1.15},
+        {"drag_area.factor": 1.2},
+        {"accessory_load.power": 600.0},
+        {"fuel_energy.factor": 0.96},
+    ],
 )
 def test_replayed_plant_burns_what_it_burnt(smart: Car, settings: dict[str, float]) -> None:
     """Given the plant's own drive, when it is replayed under the same settings, then the fuel agrees within 1.5 %."""

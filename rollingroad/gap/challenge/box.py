@@ -23,9 +23,10 @@ def record(
     truth: dict[str, NDArray], north: NDArray, east: NDArray, box: dict[str, float], effects: dict[str, float],
     heat_per_volume: float, rng: np.random.Generator,
 ) -> bytes:  # fmt: skip
-    """Return the card's bytes of one drive. `north`, `east` (n,) m along it; `heat_per_volume` J/m3 that truly burns."""
+    """Return the card's bytes of one drive. `north`, `east` (n,) m along it; `heat_per_volume` J/m3 that truly
+    burns."""
     e = {**NEUTRAL, **effects}
-    t, v = truth["time"], truth["speed"]
+    t = truth["time"]
     ppm = 1e-6 * rng.normal(0, 10) + e["skew"]
     start = rng.uniform(2.0, 60.0)  # s on the logger's clock when the drive begins
 

@@ -82,13 +82,15 @@ def draw(rng: np.random.Generator) -> Car:
         ratios = np.array([13.25, 9.604, 7.37, 5.796, 4.208, 3.23])
         d = dict(displacement_cc=698.0, cylinders=3, power=60.0, power_rpm=5250.0, torque=110.0, torque_rpm=4500.0,
                  idle=850.0, engine_inertia=0.061, wheel_inertia=0.62, cd=0.39, crr=0.0125, area=1.93, wet=844.0,
-                 flow=0.008, lag=-0.0004, tick=0.270183975491887, tyre="205/45 R16", compression=9, make="Smart", charger=" Turbo",
+                 flow=0.008, lag=-0.0004, tick=0.270183975491887, tyre="205/45 R16", compression=9, make="Smart",
+                 charger=" Turbo",
                  model="Roadster", radius=0.2954, stroke=0.067)  # fmt: skip
     else:
         ratios = np.array([13.1, 7.72, 5.58, 4.36, 3.46])
         d = dict(displacement_cc=1997.0, cylinders=4, power=130.0, power_rpm=7000.0, torque=202.0, torque_rpm=4750.0,
                  idle=850.0, engine_inertia=0.16, wheel_inertia=0.8, cd=0.33, crr=0.0115, area=2.08, wet=1100.0,
-                 flow=0.0152, lag=-0.0005, tick=0.29, tyre="205/40 R17", compression=11, make="Peugeot", charger="", model="206RC",
+                 flow=0.0152, lag=-0.0005, tick=0.29, tyre="205/40 R17", compression=11, make="Peugeot", charger="",
+                 model="206RC",
                  radius=0.298, stroke=0.088)  # fmt: skip
     for name, spread in (("wet", 0.06), ("cd", 0.05), ("crr", 0.08), ("displacement_cc", 0.05), ("torque", 0.05)):
         d[name] *= 1.0 + spread * rng.uniform(-1, 1)
@@ -108,7 +110,8 @@ def draw(rng: np.random.Generator) -> Car:
     radius = d["radius"] * inside("wheel_radius")
     boosted = 1.35 if small else 1.0
     true = dict(
-        mass=mass, wheel_inertia_mass=4 * d["wheel_inertia"] / radius**2, c_rr=round(d["crr"], 5) * inside("rolling_resistance"),
+        mass=mass, wheel_inertia_mass=4 * d["wheel_inertia"] / radius**2, c_rr=round(d["crr"],
+            5) * inside("rolling_resistance"),
         cd_a=round(d["cd"], 4) * round(d["area"], 4) * inside("drag_area"), rho=1.2 * inside("air_density"), g=9.805,
         radius=radius, displacement=displacement, stroke=d["stroke"], engine_inertia=d["engine_inertia"],
         f0=rng.uniform(0.65, 0.95) * 1e5, f1=rng.uniform(0.03, 0.06) * 1e5, f2=rng.uniform(0.0010, 0.0028) * 1e5,

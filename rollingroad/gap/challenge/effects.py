@@ -1,7 +1,9 @@
 """The challenge's own versions of the effects: what a size means to its car, its box and its map.
 
-Ids are the catalogue's. `size` is the departure from neutral in the unit of the catalogue's leading parameter, so that a
-diagnosis can be judged on it. `other` is the same effect made differently: two time constants, gusts, a smooth threshold.
+Ids are the catalogue's. `size` is the departure from neutral in the unit of the catalogue's leading parameter, so
+that a
+diagnosis can be judged on it. `other` is the same effect made differently: two time constants, gusts, a smooth
+threshold.
 Effects named `novel_...` stand in no catalogue.
 """
 
@@ -109,10 +111,12 @@ EFFECTS: tuple[Effect, ...] = (
     Effect("enrichment", "engine_fuel", _enrichment, 0.02, 0.35, UP, None),
     Effect("fuel_cutoff", "engine_fuel", _truth("cut_lost"), 0.1, 1.0, UP, None),
     Effect("idle_fuel", "engine_fuel", _truth("idle_gain"), 0.05, 0.7, BOTH, None),
-    Effect("fuel_energy", "engine_fuel", lambda size, other, rng: Settings(heat=1.0 + size), 0.01, 0.2, DOWN, "fuel_energy.factor"),
+    Effect("fuel_energy", "engine_fuel", lambda size, other, rng: Settings(heat=1.0 + size), 0.01, 0.2, DOWN,
+        "fuel_energy.factor"),
     Effect("map_drift", "engine_fuel", _drift, 0.02, 0.2, BOTH, None),
     Effect("driveline_loss", "driveline",
-           lambda size, other, rng: Settings({"eta_loss": size, "eta_gear_no": 0.0}), 0.01, 0.08, UP, "driveline_loss.share"),
+           lambda size, other, rng: Settings({"eta_loss": size, "eta_gear_no": 0.0}), 0.01, 0.08, UP,
+           "driveline_loss.share"),
     Effect("injector_dead_time", "injector", _box("dead_time"), 2e-5, 4e-4, BOTH, "injector_dead_time.extra", "sensor"),
     Effect("injector_fouling", "injector", lambda size, other, rng: Settings(box={"flow": 1.0 - size}), 0.01, 0.15, UP,
            "injector_fouling.flow_lost", "sensor"),
@@ -122,16 +126,19 @@ EFFECTS: tuple[Effect, ...] = (
            "wheel_slip.factor", "sensor"),
     Effect("grade_map_error", "road_map", lambda size, other, rng: Settings(road={"bias": size}), 0.001, 0.012, BOTH,
            "grade_map_error.bias", "sensor"),
-    Effect("accelerometer_mount", "accelerometer", _box("acc_pitch"), 0.002, 0.1, BOTH, "accelerometer_mount.pitch", "sensor"),
+    Effect("accelerometer_mount", "accelerometer", _box("acc_pitch"), 0.002, 0.1, BOTH, "accelerometer_mount.pitch",
+        "sensor"),
     Effect("gps_lag", "gps", _box("gps_lag", 0.2), 0.05, 1.8, UP, "gps_lag.seconds", "sensor"),
     Effect("clock_skew", "clock", _box("skew"), 2e-5, 5e-4, BOTH, "clock_skew.rate", "sensor"),
 )  # fmt: skip
 
 NOVEL: tuple[Effect, ...] = (
     Effect("novel_sector", "road_load",
-           lambda size, other, rng: Settings({"sector_k": size, "sector_psi": rng.uniform(0, 2 * np.pi)}), 0.03, 0.6, UP, None),
+           lambda size, other, rng: Settings({"sector_k": size, "sector_psi": rng.uniform(0, 2 * np.pi)}), 0.03, 0.6,
+           UP, None),
     Effect("novel_wet", "road_load",
-           lambda size, other, rng: Settings({"wet_k": size, "wet_period": rng.uniform(120, 420)}), 0.02, 0.5, UP, None),
+           lambda size, other, rng: Settings({"wet_k": size, "wet_period": rng.uniform(120, 420)}), 0.02, 0.5, UP,
+           None),
     Effect("novel_bearing", "road_load", _truth("bearing"), 0.5, 12.0, UP, None),
     Effect("novel_heat", "engine_fuel", _truth("heat_gain"), 0.05, 1.2, UP, None),
     Effect("novel_fan", "accessory", _truth("low_fan"), 60.0, 2000.0, UP, None),

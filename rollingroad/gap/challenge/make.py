@@ -20,7 +20,8 @@ from vehicle_model.car.errors import BadInput
 from vehicle_model.car.randomness import generator
 
 KINDS = {
-    "gap_free": 0.34, "single": 0.20, "sensor": 0.10, "other_way": 0.06, "hidden": 0.16, "pair": 0.06, "confusable": 0.05,
+    "gap_free": 0.34, "single": 0.20, "sensor": 0.10, "other_way": 0.06, "hidden": 0.16, "pair": 0.06,
+    "confusable": 0.05,
     "traffic": 0.03,
 }  # fmt: skip
 """Kinds of case and their shares."""
@@ -117,7 +118,8 @@ def _drive(plan_seed: int, role: str, number: int, car: cars.Car, road: truth.Ro
     rng = generator(plan_seed, f"drive {role} {number}")
     driver = {
         "accel": rng.uniform(1.1, 2.1), "decel": rng.uniform(1.0, 1.6), "up_rpm": rng.uniform(2300, 3300),
-        "down_rpm": rng.uniform(1350, 1750), "speed_factor": rng.uniform(0.9, 1.06), "shift_time": rng.uniform(0.35, 0.7),
+        "down_rpm": rng.uniform(1350, 1750), "speed_factor": rng.uniform(0.9, 1.06), "shift_time": rng.uniform(0.35,
+            0.7),
         "gain": rng.uniform(0.5, 0.8), "launch_speed": rng.uniform(135, 175), "lift_time": rng.uniform(2, 8),
     }  # fmt: skip
     if traffic:

@@ -83,7 +83,7 @@ def _read(folder: Path) -> list[Row]:
     return rows
 
 
-# --- one case --------------------------------------------------------------------------------------------------------
+# --- one case ---
 
 
 def _truth(r: Row) -> str:
@@ -223,7 +223,7 @@ def _regime_tv(r: Row) -> float:
     return 0.5 * sum(abs(have.get(k, 0.0) - want.get(k, 0.0)) for k in {*have, *want})
 
 
-# --- over cases ----------------------------------------------------------------------------------------------------------
+# --- over cases ---
 
 
 def _bootstrap(values: Any, statistic: Callable[[Any], float]) -> dict[str, Any]:

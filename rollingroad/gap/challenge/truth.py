@@ -373,7 +373,8 @@ def along(
         level += STEP * EVERY * (brake / 4000.0 - level / 60.0)
         memory[i] = level
     return _along(
-        c, np.asarray(ratios, float), p, drive["time"], drive["s"], drive["speed"], drive["acceleration"], drive["gear"],
+        c, np.asarray(ratios, float), p, drive["time"], drive["s"], drive["speed"], drive["acceleration"],
+        drive["gear"],
         drive["clutch"], drive["engine_speed"], drive["heading"], drive["pitch"], drive["curvature"], heat, drive["s"],
         memory, drive["burnt"] <= 0.0,
     )  # fmt: skip
