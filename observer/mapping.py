@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
+from scipy.optimize import isotonic_regression
 
 from observer.allocation import allocate
 from observer.efficiency_map import SPEED_STEP, TORQUE_STEP, EfficiencyMap, FuelMap, Limits
@@ -221,7 +222,7 @@ def fuel_map(efficiency_map: EfficiencyMap, car: Car, fit: Fit) -> FuelMap:
     """Return the planner's table: `fit` over the engine's whole range, with the limits that were seen or declared.
 
     Finite everywhere and positive at zero torque whatever the fit does there: fuel power is kept at or above that of a
-    loss-free engine (efficiency 0.6) and above a tenth of the idle's per engine speed, and never falls with torque.
+    loss-free engine (efficiency 0.6) and above a tenth of the idle's per engine speed, and rises convexly with torque.
     """
     engine = car.engine
     first = np.floor(engine.idle_speed / SPEED_STEP)
@@ -242,8 +243,19 @@ def fuel_map(efficiency_map: EfficiencyMap, car: Car, fit: Fit) -> FuelMap:
         idle_power = max(idle_power, 0.5e5 * engine.displacement * idle_speed)
     floor = np.maximum(grid_omega * grid_torque / 0.6, 0.1 * idle_power * grid_omega / engine.idle_speed)
     power = np.maximum(np.where(np.isfinite(power), power, floor), floor)
-    power = np.maximum.accumulate(power, axis=1)
+    power = np.stack([_convex(column) for column in np.maximum.accumulate(power, axis=1)])
     return FuelMap(omega, torque, power, torque_max, overrun, float(idle_power), float(engine.idle_speed))
+
+
+def _convex(values: NDArray) -> NDArray[np.float64]:
+    """The values (m,) with their steps made to rise (isotonic regression) and the mean kept.
+
+    Fuel power is convex in torque: pumping falls and enrichment sets in at the top. A dent that noise has made would
+    be worth driving in to a planner, and cost fuel on the road.
+    """
+    steps = np.maximum(isotonic_regression(np.diff(values)).x, 0.0)
+    shape = np.concatenate([[0.0], np.cumsum(steps)])
+    return np.maximum(shape + float(np.mean(values - shape)), 0.5 * values.min())
 
 
 def _seen_or(declared: NDArray, columns: NDArray, seen: NDArray, omega: NDArray) -> NDArray[np.float64]:

@@ -193,3 +193,9 @@ def test_a_missing_or_broken_map_is_told_in_one_line(merged, tmp_path):
     (tmp_path / "map.json").write_text("{}")
     with pytest.raises(BadInput, match="expected"):
         read(tmp_path)
+
+
+def test_the_planners_table_is_convex_in_torque(merged):
+    for fit in fit_all(merged, CAR).values():
+        steps = np.diff(fuel_map(merged, CAR, fit).fuel_power, axis=1)
+        assert (np.diff(steps, axis=1) >= -1e-6 * steps.max()).all(), fit.name

@@ -1,0 +1,178 @@
+"""The engine map found in an hour of mixed driving, judged: errors, share, intervals, regret, dynamometer, scale.
+
+`python -m benchmarks.engine_map [--hours 10] [--car smart] [--workers 2]`. An hour is four trips over `mixed` (town,
+rural, motorway) with seeds of their own, default box, biases not carried over. Regret: fuel on the true map of the plan
+made on a fit, over that of the plan made on the true map, both in the same trip time, less one.
+"""
+
+import argparse
+import tempfile
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from scipy.interpolate import RegularGridInterpolator
+
+from controller.advice import Advice, RoadAhead
+from controller.route import plan_route_in_time
+from observer.efficiency_map import FuelMap
+from observer.estimate import Estimate
+from observer.fits import default_fit, fit_all
+from observer.mapping import centres, fit_error, fuel_map, map_engine, map_error
+from observer.observe import observe
+from rollingroad.arrows import drive_scenario, sense
+from rollingroad.evaluation.dyno import compare_with_dyno
+from rollingroad.task import make_task
+from sim.bench_stand import dynamometer
+from sim.network import build
+from sim.road_ahead import road_ahead
+from sim.true_efficiency import true_efficiency
+from sim.truth import true_fuel_map
+from vehicle_model.car.parameters import Car
+from vehicle_model.car.trip import Trip
+
+TRIPS = 4
+RPM = np.pi / 30.0
+SHOWN = ("eta total 2", "eta total 4", "eta full 2", "eta full 3", "eta full 4", "eta full 4 border", "eta full 4 cut",
+         "eta printed 3", "phi total 2", "phi full 2", "phi full 4", "phi printed 4", "P_in total 2", "P_in full 2",
+         "P_in full 3", "P_in full 4", "P_in printed 4", "P_in willans", "P_in willans+kernel")  # fmt: skip
+
+
+def hour(arguments: tuple[str, int]) -> tuple[list[Trip], list[Estimate], list[Estimate], RoadAhead]:
+    """Four trips, their estimates, the first one's by car files 10 % off in C_rr, C_d A, or 2 % in the injectors."""
+    car, number = arguments
+    trips, estimates, wrong = [], [], []
+    road: RoadAhead | None = None
+    for seed in range(TRIPS * number, TRIPS * number + TRIPS):
+        task = make_task("mixed", car=car, seed=seed)
+        with tempfile.TemporaryDirectory() as folder:
+            driven = drive_scenario(task, build(task.scenario, Path(folder)))
+        seen = sense(task, driven)
+        trips.append(driven.trip)
+        estimates.append(observe(seen.log, task.car, seen.road_map))
+        if road is None:
+            road = road_ahead(driven.route, seen.road_map)
+            wrong = [observe(seen.log, other, seen.road_map) for other in wrong_cars(task.car)] if number == 0 else []
+    assert road is not None
+    return trips, estimates, wrong, road
+
+
+def wrong_cars(car: Car) -> list[Car]:
+    """Car files with the errors of 3.3.5."""
+    injector = replace(car.injector, flow=1.02 * car.injector.flow)
+    return [
+        replace(car, rolling_resistance=1.1 * car.rolling_resistance),
+        replace(car, drag_coefficient=1.1 * car.drag_coefficient),
+        replace(car, injector=injector),
+    ]
+
+
+def fuel_on(advice: Advice, table: FuelMap, car: Car) -> float:
+    """J that the plan burns on `table`: nothing coasting in gear, idle out of gear, the engine's inertia included.
+
+    Between overrun and zero torque the fuel fades linearly to nothing, as in the planner's own table.
+    """
+    power = RegularGridInterpolator(
+        (table.engine_speed, table.torque), table.fuel_power, bounds_error=False, fill_value=None
+    )
+    seconds = np.diff(advice.time)
+    speed = 0.5 * (advice.speed[1:] + advice.speed[:-1])
+    gear, coasting = advice.gear[:-1], advice.coasting[:-1]
+    ratio = np.asarray(car.gear_ratios)[np.maximum(gear, 1) - 1] / car.wheel_radius
+    omega = np.maximum(speed * ratio, 1.25 * table.idle_speed)
+    torque = advice.torque[:-1] + car.engine.inertia * ratio * np.diff(advice.speed) / seconds
+    drag = np.interp(omega, table.engine_speed, table.overrun_torque)
+    fade = np.clip(1.0 - torque / drag, 0.0, 1.0)
+    pulling = power(np.column_stack([omega, np.maximum(torque, 0.0)])) * np.where(torque < 0.0, fade, 1.0)
+    rate = np.where(gear == 0, table.idle_power, np.where(coasting, 0.0, pulling))
+    return float(np.sum(rate * seconds))
+
+
+def regrets(fits: dict, found, car: Car, road: RoadAhead, time: float) -> dict[str, float | None]:
+    """Relative regret of each fit of SHOWN, None where the plan cannot be made."""
+    truth = true_fuel_map(car)
+    ends = {"start_speed": 5.0, "end_speed": 5.0, "trip_time": time, "certify": False}
+    best = fuel_on(plan_route_in_time(road, truth, car, **ends), truth, car)
+    result: dict[str, float | None] = {}
+    for name in SHOWN:
+        try:
+            advice = plan_route_in_time(road, fuel_map(found, car, fits[name]), car, **ends)
+            result[name] = fuel_on(advice, truth, car) / best - 1.0
+        except Exception as error:  # a form may make the plan impossible: that is its result
+            print(f"  {name}: {error}")
+            result[name] = None
+    return result
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--hours", type=int, default=10)
+    parser.add_argument("--car", default="smart")
+    parser.add_argument("--workers", type=int, default=2)
+    options = parser.parse_args()
+    car = make_task("mixed", car=options.car).car
+    bench = dynamometer(options.car)
+    steps = np.array(bench["rpm"]) * RPM, np.array(bench["torque_N_m"])
+    on_bench = np.array([[np.nan if value is None else value for value in row] for row in bench["efficiency"]])
+    truth_map = true_fuel_map(car)
+    rows = []
+    with ProcessPoolExecutor(options.workers) as pool:
+        for number, (trips, estimates, wrong, road) in enumerate(
+            pool.map(hour, [(options.car, n) for n in range(options.hours)])
+        ):
+            found = map_engine(estimates, car)
+            fits = fit_all(found, car)
+            fit = default_fit(fits)
+            truth = true_efficiency(car, {}, trips)
+            omega, torque = centres(found)
+            true = truth(omega, torque)
+            own = np.abs(found.mean[found.valid] - true) < 1.645 * found.standard_error[found.valid]
+            best_true = float(np.max((truth_map.engine_speed[:, None] * truth_map.torque / truth_map.fuel_power)[
+                truth_map.torque[None, :] <= truth_map.torque_max[:, None]]))  # fmt: skip
+            versus = compare_with_dyno(found, fit, *steps, on_bench)
+            regret = regrets(fits, found, car, road, 1.05 * trips[0].duration)
+            rows.append(
+                (
+                    found.fuel_share,
+                    map_error(found, truth),
+                    fit_error(found, fit, truth),
+                    float(np.mean(own)),
+                    float(fit.efficiency(omega, torque).max()) - best_true,
+                    versus.rmse,
+                    versus.fit_rmse,
+                    regret[fit.name] if regret[fit.name] is not None else float("nan"),
+                )
+            )
+            print(
+                "hour {:2d}: share {:.3f} rms {:.4f} fit {:.4f} in 90 % {:.3f} peak {:+.4f} "
+                "dyno {:.4f} fit {:.4f} regret {:.2%}".format(number, *rows[-1]),
+                flush=True,
+            )
+            if number == 0:
+                print("fit                       R2       R2 of eta  rms     regret")
+                for name in SHOWN:
+                    cost = "impossible" if regret[name] is None else f"{regret[name]:7.2%}"
+                    form = fits[name]
+                    error = fit_error(found, form, truth)
+                    print(f"{name:24} {form.r2:8.4f} {form.r2_efficiency:8.4f} {error:8.4f} {cost}")
+                usual = map_engine(estimates[:1], car)
+                for label, other, estimate in zip(
+                    ("C_rr +10 %", "C_d A +10 %", "injectors +2 %"), wrong_cars(car), wrong, strict=True
+                ):
+                    moved = map_engine([estimate], other)
+                    both = usual.valid & moved.valid
+                    ratio = moved.mean[both] / usual.mean[both]
+                    shape = np.corrcoef(moved.mean[both], usual.mean[both])[0, 1]
+                    print(
+                        f"{label:15} eta x {ratio.mean():.4f} +- {ratio.std():.4f}, correlation of the form {shape:.4f}"
+                    )
+    table = np.array(rows)
+    print("mean     " + " ".join(f"{value:.4f}" for value in table.mean(axis=0)))
+    print("smallest " + " ".join(f"{value:.4f}" for value in table.min(axis=0)))
+    print("largest  " + " ".join(f"{value:.4f}" for value in table.max(axis=0)))
+
+
+if __name__ == "__main__":
+    main()
