@@ -3,7 +3,9 @@
 from dataclasses import dataclass
 from typing import Protocol
 
-from controller.advice import Advice
+from controller.advice import Advice, RoadAhead
+from observer.efficiency_map import FuelMap
+from vehicle_model.car.parameters import Car
 
 GLIDE_HORIZON = 200.0
 """m ahead within which a red signal or a slower leader is worth gliding to."""
@@ -20,7 +22,8 @@ class View:
     distance: float
     """m along the navigation route."""
     speed: float
-    """m/s, as displayed."""
+    """m/s: the box's own, of wheel pulses and GPS, hence true to a few parts in a thousand. The *driver* goes by his
+    dial, which shows more (`sim.drive.SPEEDOMETER`): see `scenarios/drivers.md`."""
     gear: int
     leader_gap: float
     """m of free road to the car in front, inf where none is seen."""
@@ -32,6 +35,25 @@ class View:
     """"red", "yellow", "green" or ""."""
     destination_distance: float
     """m to the end of the journey."""
+
+
+@dataclass(frozen=True)
+class Context:
+    """What an advisor may go by before it sets out. Never the truth: the oracle alone is handed the true map."""
+
+    road: RoadAhead
+    fuel_map: FuelMap
+    """As found (the oracle's: true)."""
+    car: Car
+    """The nominal car."""
+    time_value: float = 8_000.0
+    """W: what a second is worth; set so that the mean trip takes as long as the baseline's."""
+    start_speed: float = 0.0
+    """m/s."""
+    end_speed: float = 0.0
+    """m/s."""
+    begin: float = 50.0
+    """m: silent before, so that two drives can be shown to be the same until advice is given."""
 
 
 @dataclass(frozen=True)
@@ -76,18 +98,18 @@ class AdviceFollower:
         if view.distance < self.begin:
             return None
         acceleration, gear, costate = self.advice.action(view.distance, view.speed)
-        if self.glide and acceleration > -COAST and self._worth_gliding(view):
+        if self.glide and acceleration > -COAST and worth_gliding(view):
             return Suggestion(-COAST, view.gear, costate, coast=True)
         return Suggestion(acceleration, gear, costate)
 
-    @staticmethod
-    def _worth_gliding(view: View) -> bool:
-        v = view.speed
-        if view.signal_state in ("red", "yellow") and view.signal_distance < GLIDE_HORIZON:
-            # Roll if rolling alone would not stop short of the line (8 m/s is kept until near it).
-            rolled_out = v * v / (2.0 * COAST)
-            return rolled_out > view.signal_distance and v > 4.0
-        if view.leader_gap < GLIDE_HORIZON and view.leader_speed < v - 0.5 and v > 3.0:
-            needed = (v - view.leader_speed) ** 2 / (2.0 * COAST)
-            return needed > view.leader_gap - 1.2 * view.leader_speed
-        return False
+
+def worth_gliding(view: View) -> bool:
+    """Whether rolling in gear, here and now, still reaches the red signal or the slower leader in sight."""
+    v = view.speed
+    if view.signal_state in ("red", "yellow") and view.signal_distance < GLIDE_HORIZON:
+        # Roll if rolling alone would not stop short of the line.
+        return v * v / (2.0 * COAST) > view.signal_distance and v > 4.0
+    if view.leader_gap < GLIDE_HORIZON and view.leader_speed < v - 0.5 and v > 3.0:
+        needed = (v - view.leader_speed) ** 2 / (2.0 * COAST)
+        return needed > view.leader_gap - 1.2 * view.leader_speed
+    return False

@@ -1,0 +1,38 @@
+"""The advisors that ship, by name."""
+
+from collections.abc import Callable
+
+from sim.acceleration_advisor import AccelerationSynthesis
+from sim.advisor import Advisor, Context
+from sim.receding_horizon import RecedingHorizon
+from sim.rules_of_thumb import Coach, GlideToStop
+from vehicle_model.car.errors import BadInput
+
+__all__ = ["ADVISORS", "FIXED", "Context", "make"]
+
+
+def _oracle(context: Context) -> Advisor:
+    return RecedingHorizon(context, step=5.0, nodes=400)
+
+
+ADVISORS: dict[str, Callable[[Context], Advisor]] = {
+    "pontryagin": RecedingHorizon,
+    "acceleration": AccelerationSynthesis,
+    "glide": GlideToStop,
+    "coach": Coach,
+    "oracle": _oracle,
+}
+"""`oracle` is dynamic programming on half the step with twice the speeds: its context holds the true map, and its
+driver follows exactly (`drive(..., perfect=True)`)."""
+FIXED = ("glide", "coach")
+"""Those that a price of time does not change."""
+
+
+def make(name: str, context: Context) -> Advisor:
+    """Make the advisor `name`. It can be sent to another process; what it must prepare, it prepares in `reset`.
+
+    Raises BadInput with the names that there are.
+    """
+    if name not in ADVISORS:
+        raise BadInput("advisor", name, f"expected one of {', '.join(ADVISORS)}")
+    return ADVISORS[name](context)

@@ -1,0 +1,150 @@
+"""The Pontryagin advisor: the whole road planned once, the next few hundred metres again every second.
+
+At each replanning the problem of `controller.route` is solved from the car's own place, speed and gear to the horizon,
+on the table of the map made beforehand:
+- free road: to the speed of the whole road's plan at the horizon, so that both agree where nothing interferes;
+- a signal that does not tell when it turns, or a standing leader: to the line, the speed left free; time is cheap,
+  since it would be waited off there, and so is kinetic energy, since most of it would be braked away;
+- a slower leader: to his speed at the place where he would be caught up with; time is cheap, since he sets it.
+Between two replannings the policy around the plan answers for whatever speed the car really has.
+"""
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from controller.advice import Advice, RoadAhead
+from controller.drive_table import DriveTable, drive_table
+from controller.route import plan_route
+from sim.advisor import Context, Suggestion, View
+from vehicle_model.car.errors import BadInput
+
+PERIOD = 1.0
+"""s between two plans."""
+STEP = 20.0
+"""m between the places of the plan in hand."""
+FORESIGHT = 20.0
+"""s of driving that the horizon holds."""
+HORIZON = (250.0, 600.0)
+"""m that it holds at least and at most: what it takes to stop, or to reach a limit."""
+SHORTEST = 30.0
+"""m: nearer ends are left to the driver and the whole road's policy."""
+REACH = 200.0
+"""m within which a leader counts."""
+WAITED_OFF = 0.25
+"""Share of the price of time that holds where the time gained would be waited off; less what idling there burns."""
+KEPT = 0.3
+"""Share of the kinetic energy at a red signal's line that counts: it may turn green in time."""
+ROLLING = 60.0
+"""N of planned braking below which the advice is to let it roll."""
+
+
+@dataclass
+class RecedingHorizon:
+    """Replans every second; see the module. `step` m and `nodes` (speeds) set the grid of the whole road's plan."""
+
+    context: Context
+    step: float = 10.0
+    nodes: int = 200
+    _whole: Advice | None = field(default=None, init=False, repr=False)
+
+    def reset(self) -> None:
+        """Plan the whole road. Raises BadInput for a road that cannot be driven."""
+        c = self.context
+        fastest = 1.02 * float(c.road.speed_max.max()) + 1.0
+        self._table: DriveTable = drive_table(c.fuel_map, c.car, speed_top=fastest, nodes=self.nodes)
+        self._whole = plan_route(
+            c.road, c.fuel_map, c.car, start_speed=c.start_speed, end_speed=c.end_speed, time_value=c.time_value,
+            step=self.step, table=self._table, policy_step=self.step, certify=False,
+        )  # fmt: skip
+        self._plan = self._whole
+        self._due = -math.inf
+        self._leader: tuple[float, float] = (-math.inf, math.nan)
+
+    def advise(self, view: View) -> Suggestion | None:
+        """The action of the plan in force; silent before `Context.begin`."""
+        if view.distance < self.context.begin:
+            return None
+        if view.time >= self._due - 1e-9:
+            self._plan = self._replanned(view)
+            self._due = view.time + PERIOD
+        plan = self._plan
+        acceleration, gear, costate = plan.action(view.distance, view.speed)
+        k = int(np.clip(np.searchsorted(plan.s, view.distance, side="right") - 1, 0, len(plan.s) - 1))
+        near = abs(plan.speed[k] - view.speed) < 1.0
+        rolls = near and bool(plan.coasting[k]) and plan.brake_force[k] < ROLLING and acceleration < 0.0
+        return Suggestion(acceleration, gear, costate, coast=rolls)
+
+    def _replanned(self, view: View) -> Advice:
+        """The plan from here, or the whole road's where there is nothing left to plan or no way to do it."""
+        assert self._whole is not None, "reset comes first"
+        reach, end_speed, waiting = self._obstacle(view)
+        price = self.context.time_value
+        if waiting:
+            price = max(WAITED_OFF * price - self.context.fuel_map.idle_power, 0.0)
+        horizon = min(max(FORESIGHT * view.speed, HORIZON[0]), HORIZON[1])
+        road = self._ahead(view.distance, min(reach, horizon), courteous=not waiting)
+        if road is None:
+            return self._whole
+        credit = KEPT * self._table.marginal_cost if waiting else None
+        if not waiting:
+            end_speed = float(np.interp(road.s[-1], self._whole.s, self._whole.speed))
+        try:
+            return self._solve(road, view, price, end_speed, credit)
+        except BadInput:  # that speed cannot be had there: leave it free
+            try:
+                return self._solve(road, view, price, None, credit)
+            except BadInput:
+                return self._whole
+
+    def _solve(
+        self, road: RoadAhead, view: View, price: float, end_speed: float | None, credit: float | None
+    ) -> Advice:
+        c = self.context
+        top = math.sqrt(self._table.energy_step * (self._table.nodes - 1) * 2.0)
+        if end_speed is not None:
+            end_speed = min(end_speed, max(float(road.speed_max[-1]), 1.0))
+        return plan_route(
+            road, c.fuel_map, c.car, start_speed=min(view.speed, top), end_speed=end_speed, time_value=price,
+            start_gear=view.gear or None, end_price=credit, step=STEP, table=self._table,
+            policy_step=max(1.5 * PERIOD * view.speed, STEP), certify=False,
+        )  # fmt: skip
+
+    def _obstacle(self, view: View) -> tuple[float, float | None, bool]:
+        """How far the way is free (m), the speed to arrive there with (None: free), whether time is waited off."""
+        reach, end_speed, waiting = math.inf, None, False
+        if view.signal_state in ("red", "yellow"):
+            reach, waiting = view.signal_distance, True
+        leader = self._leader_speed_soon(view)
+        closing = view.speed - leader
+        if view.leader_gap < min(REACH, reach) and closing > 0.5:
+            if leader < 1.0:
+                return view.leader_gap, None, True
+            # Caught up with at the mean of both speeds; 1.2 s behind him is where one wants to be.
+            room = max(view.leader_gap - 1.2 * leader, 0.0)
+            caught = room / (0.5 * closing) * 0.5 * (view.speed + leader)
+            if caught < min(2.0 * REACH, reach):
+                reach, end_speed, waiting = caught, leader, True
+        return reach, end_speed, waiting
+
+    def _leader_speed_soon(self, view: View) -> float:
+        """Leader's speed in 2 s if he goes on as in the last second (nan without one)."""
+        before_time, before = self._leader
+        self._leader = (view.time, view.leader_speed)
+        passed = view.time - before_time
+        if not (math.isfinite(before) and math.isfinite(view.leader_speed) and 0.0 < passed < 2.0):
+            return view.leader_speed
+        trend = float(np.clip((view.leader_speed - before) / passed, -2.0, 2.0))
+        return max(view.leader_speed + 2.0 * trend, 0.0)
+
+    def _ahead(self, place: float, reach: float, *, courteous: bool) -> RoadAhead | None:
+        """The road from `place` for `reach` m; None where that is too short to plan."""
+        road = self.context.road
+        first = max(int(np.searchsorted(road.s, place, side="right")) - 1, 0)
+        last = int(np.searchsorted(road.s, place + reach, side="right"))
+        if min(reach, road.s[-1] - place) < SHORTEST or last - first < 3:
+            return None
+        cut = slice(first, last)
+        piece = RoadAhead(road.s[cut], road.pitch[cut], road.speed_max[cut], road.speed_min[cut])
+        return piece if courteous else replace(piece, speed_min=np.zeros(last - first))
