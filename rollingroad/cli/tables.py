@@ -66,9 +66,8 @@ def run_table(results: Mapping[str, Any]) -> None:
 def map_table(found: Mapping[str, Any]) -> None:
     """Print what a map is worth."""
     out = console()
-    out.print(
-        f"{found['cells']} valid cells hold {found['fuel_share']:.0%} of the fuel; fit {found['fit']}, R2 {found['r2']:.4f}"
-    )
+    share = f"{found['fuel_share']:.0%} of the fuel"
+    out.print(f"{found['cells']} valid cells hold {share}; fit {found['fit']}, R2 {found['r2']:.4f}")
     if found["rmse"] is not None:
         out.print(
             f"off by {100 * found['rmse']:.2f} points rms, the fit by {100 * found['fit_rmse']:.2f}, "
@@ -123,7 +122,7 @@ def solve_table(result: Mapping[str, Any]) -> None:
             "–" if row["time_s"] is None else f"{row['time_s']:.3f}",
             " ".join(f"{shift['engine_speed'] * 30 / 3.14159265:.0f}" for shift in row["shifts"]),
             "–" if proof.get("hamiltonian_drift") is None else f"{proof['hamiltonian_drift']:.1e}",
-            "–" if proof.get("maximum_gap") is None else f"{proof['maximum_gap']:.1e}",
+            "–" if proof.get("maximum_gap") is None else f"{proof['maximum_gap']:.0e}",
             f"{1e3 * row['wall_s']:.1f} ms",
             "" if proof["refused"] is None else f"refused: {proof['refused']}",
         )

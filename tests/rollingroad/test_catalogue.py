@@ -8,12 +8,55 @@ from sensors.effects import EFFECTS as SENSORS
 from vehicle_model.car.errors import BadInput
 from vehicle_model.plant.effects import EFFECTS as PLANT
 
-LISTED = """head_wind cross_wind rolling_resistance tyre_warm_up mass drag_area air_density cold_start cranking_fuel
-gearbox_oil_cold accessory_load ac_cycling enrichment fuel_cutoff idle_fuel injector_dead_time fuel_energy
-injector_fouling map_drift turbo_lag driveline_loss clutch_slip shift_loss wheel_slip wheel_radius cornering_drag
-brake_drag grade_map_error accelerometer_mount gps_lag clock_skew driver_lag traffic_actuation""".split()
-SUBSYSTEMS = """driver road_load driveline engine_fuel accessory gps accelerometer wheel injector clock road_map
-traffic""".split()
+LISTED = [
+    "head_wind",
+    "cross_wind",
+    "rolling_resistance",
+    "tyre_warm_up",
+    "mass",
+    "drag_area",
+    "air_density",
+    "cold_start",
+    "cranking_fuel",
+    "gearbox_oil_cold",
+    "accessory_load",
+    "ac_cycling",
+    "enrichment",
+    "fuel_cutoff",
+    "idle_fuel",
+    "injector_dead_time",
+    "fuel_energy",
+    "injector_fouling",
+    "map_drift",
+    "turbo_lag",
+    "driveline_loss",
+    "clutch_slip",
+    "shift_loss",
+    "wheel_slip",
+    "wheel_radius",
+    "cornering_drag",
+    "brake_drag",
+    "grade_map_error",
+    "accelerometer_mount",
+    "gps_lag",
+    "clock_skew",
+    "driver_lag",
+    "traffic_actuation",
+]
+SUBSYSTEMS = [
+    "driver",
+    "road_load",
+    "driveline",
+    "engine_fuel",
+    "accessory",
+    "gps",
+    "accelerometer",
+    "wheel",
+    "injector",
+    "clock",
+    "road_map",
+    "traffic",
+]
 
 
 def test_all_33_effects_are_declared_and_none_twice():
