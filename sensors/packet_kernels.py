@@ -55,7 +55,7 @@ def _better(data, at, end, stop):
     """Tell whether valid packets that begin inside [at + 1, end) explain the bytes better than the one at `at`.
 
     Then what begins at `at` is damage whose check came out right by accident (1 in 256), and must not swallow good
-    packets: when one reaches beyond `end` and is followed by something legal, while nothing legal follows `end`; and
+    packets: when one, or several in a row, reach beyond `end` and are followed by something legal, while nothing legal follows `end`; and
     when a text (whose length can be anything) holds a whole packet of fixed size, which by accident is rarer still.
     """
     text = PAYLOAD[data[at + 1]] == 0
@@ -69,6 +69,12 @@ def _better(data, at, end, stop):
             continue
         if text and PAYLOAD[data[other + 1]] != 0:
             return True
+        # Several in a row may lead beyond the end.
+        while reach < end and _header(data, reach) == 0:
+            after = reach + 3 + data[reach + 2]
+            if after > stop or not _check(data, reach):
+                break
+            reach = after
         if reach > end and _follows(data, reach, stop):
             return True
     return False

@@ -33,6 +33,8 @@ def is_explained_better(data: bytes, at: int) -> bool:
     for other in range(at + 1, end - 1):
         if is_packet(data, other):
             reach = other + 3 + data[other + 2]
+            while reach < end and is_packet(data, reach):
+                reach += 3 + data[reach + 2]
             whole_in_text = text and PAYLOAD[data[other + 1]] != 0
             if whole_in_text or (reach > end and could_follow(data, reach)):
                 return True
