@@ -29,7 +29,9 @@ def begin(measurements: Array, start: ArrayLike | None) -> Array:
     """The estimate (runs, d) before the first measurement. Raises ValueError unless they are (n, runs, d)."""
     if measurements.ndim != 3 or len(measurements) == 0:
         raise ValueError(f"expected measurements of shape (n, runs, d), found {measurements.shape}")
-    return np.array(np.broadcast_to(measurements[0] if start is None else np.asarray(start, float), measurements[0].shape))
+    return np.array(
+        np.broadcast_to(measurements[0] if start is None else np.asarray(start, float), measurements[0].shape)
+    )
 
 
 @dataclass(frozen=True)

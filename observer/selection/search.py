@@ -51,9 +51,7 @@ def best_sets(
     for count in range(1, min(largest or m, m) + 1):
         best = min(sorted({design.most_used(count) for design in found}), key=norm)
         while exchange:
-            swaps = [
-                tuple(sorted((set(best) - {old}) | {new})) for old in best for new in range(m) if new not in best
-            ]
+            swaps = [tuple(sorted((set(best) - {old}) | {new})) for old in best for new in range(m) if new not in best]
             better = min(swaps, key=norm, default=best)
             if norm(better) >= norm(best) * (1.0 - 1e-9):
                 break

@@ -16,6 +16,7 @@ def main() -> None:
         gap_commands,
         judge_commands,
         log_commands,
+        select_command,
         view_commands,
     )
     from rollingroad.cli.app import app
