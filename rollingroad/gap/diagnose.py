@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from rollingroad.gap import evidence, generic, signatures
 from rollingroad.gap.channels import prepare
-from rollingroad.gap.door import read_road, read_trips
+from rollingroad.gap.door import read_road, read_trips, split_restarts
 from rollingroad.gap.evidence import Calibration, Library, Posterior, Reduced, Trip
 from rollingroad.gap.identify import unseen
 from rollingroad.gap.plausible import check
@@ -26,6 +26,19 @@ from vehicle_model.car.errors import BadInput
 from vehicle_model.car.files import read_car
 from vehicle_model.car.parameters import Car
 from vehicle_model.plant.parameters import plant_parameters
+
+
+@dataclass(frozen=True)
+class Restart:
+    """A start after a rest within one log against the first start: `scale` of that one's effect, with deviation."""
+
+    name: str
+    rest_s: float
+    effect: str
+    probability: float
+    """Of the effect being there again, against nothing."""
+    scale: float
+    scale_sd: float
 
 
 @dataclass(frozen=True)
@@ -49,6 +62,7 @@ class Diagnosis:
     detected_after_km: float | None
     """Distance of the diagnosed trips, in order, after which "none" first loses for good."""
     control: dict[str, float]
+    restarts: tuple[Restart | None, ...] = ()
 
 
 def diagnose(
@@ -73,7 +87,41 @@ def investigate(
     references, more = read_trips(Path(reference_dir)) if reference_dir is not None else ([], [])
     folders = [Path(logs_dir), *([Path(reference_dir)] if reference_dir else []), Path(car_path).parent]
     ways, told = read_road(road, folders)
-    return weigh(car, logs, references, ways, hide, notes=[*notes, *more, *told], workers=workers)
+    pieces = [piece for log in logs for piece in split_restarts(log)]
+    warm = [piece for piece in pieces if piece[0] > 0.0]
+    references = [log for reference in references for _, log in split_restarts(reference)]
+    first = [log for rest, log in pieces if rest == 0.0]
+    found = weigh(car, first, references, ways, hide, notes=[*notes, *more, *told], workers=workers)
+    return replace(found, restarts=tuple(_restart(found, rest, log, ways) for rest, log in warm))
+
+
+def _restart(d: Diagnosis, rest: float, log: SensorLog, road: Road | None) -> Restart | None:
+    """The restart after `rest` s, under the same calibration, given what the car's first start was found to have."""
+    known = {effect: p for effect, p in d.posterior.singles.items()}
+    for pair, p in d.posterior.pairs.items():
+        for effect in pair:
+            known[effect] = known.get(effect, 0.0) + p
+    if not known or d.posterior.none >= 0.5:
+        return None
+    effect = max(known, key=lambda e: known[e])
+    correction = dict(zip(d.layout.calibration, d.calibration.mean, strict=True))
+    trip, _ = _one((log, d.car, road, correction))
+    if trip is None:
+        return None
+    with threadpool_limits(1):
+        gram = evidence.whiten(trip, d.layout, d.calibration.noise).gram
+        reduced = evidence.reduce(gram, d.layout, d.calibration)
+        variant, before = d.posterior.fits[effect]
+        place = next(q for v, q in zip(d.library.variants, d.library.places, strict=True) if v is variant)
+        index = np.arange(place.start, place.stop)
+        # the first start's course, scaled: one coefficient, 1 as large as then
+        direction = before.value
+        information = float(direction @ reduced.information[np.ix_(index, index)] @ direction)
+        score = float(direction @ reduced.vector[index])
+        scaled = 1.0 + information * 0.5**2
+        log_bayes = 0.5 * score**2 * 0.5**2 / scaled - 0.5 * np.log(scaled)
+    probability = float(1.0 / (1.0 + np.exp(-log_bayes)))
+    return Restart(log.name, rest, effect, probability, score * 0.25 / scaled, float(0.5 / np.sqrt(scaled)))
 
 
 def weigh(

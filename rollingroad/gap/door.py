@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from rollingroad.gap.road import Road, road_of
 from sensors import roadmap
 from sensors.importing import load, read_foreign
@@ -33,6 +35,32 @@ def read_trips(folder: Path) -> tuple[list[SensorLog], list[str]]:
     if not trips:
         raise BadInput(folder, "", "at least one *.dat, *.parquet or *.csv trip")
     return trips, notes
+
+
+SOAK = 180.0
+"""s at a standstill without fuel after which the next start is a trip of its own."""
+
+
+def split_restarts(log: SensorLog) -> list[tuple[float, SensorLog]]:
+    """Cut a log of speed and fuel columns where the engine stood still for SOAK: (s of rest before it, piece)."""
+    speed, fuel = log["speed"], log["fuel"]
+    if len(speed) < 100 or len(fuel) < 100:
+        return [(0.0, log)]
+    burnt = np.interp(speed["t"], fuel["t"], fuel["power"])
+    awake = np.flatnonzero((speed["speed"] > 0.5) | (burnt > 0.02 * max(float(np.mean(burnt)), 1.0)))
+    if not len(awake):
+        return [(0.0, log)]
+    gap = np.diff(speed["t"][awake])
+    cuts = np.flatnonzero(gap > SOAK)
+    starts = [float(speed["t"][0]), *(float(speed["t"][awake[i + 1]]) - 1.0 for i in cuts)]
+    ends = [*(float(speed["t"][awake[i]]) + 5.0 for i in cuts), float(speed["t"][-1]) + 1.0]
+    rests = [0.0, *(float(gap[i]) for i in cuts)]
+    pieces = []
+    for number, (a, b, rest) in enumerate(zip(starts, ends, rests, strict=True)):
+        rows = {name: part[(part["t"] >= a) & (part["t"] < b)] for name, part in log.streams.items()}
+        name = log.name if number == 0 else f"{log.name} (start {number + 1})"
+        pieces.append((rest, SensorLog(rows, log.damage, name)))
+    return pieces
 
 
 def _read_csv(path: Path) -> SensorLog:

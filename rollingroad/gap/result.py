@@ -105,6 +105,10 @@ def as_json(d: "Diagnosis") -> dict[str, Any]:
         "not_testable": [{"effect": effect, "because": why} for effect, why in d.not_testable],
         "advice": {"fuel_regret_before_percent": None, "fuel_regret_after_percent": None},
         "notes": list(d.notes),
+        "restarts": [
+            {"trip": r.name, "rest_s": r.rest_s, "effect": r.effect, "probability": r.probability, "scale": r.scale,
+             "scale_sd": r.scale_sd} for r in d.restarts if r is not None
+        ],
     }  # fmt: skip
 
 

@@ -1,0 +1,116 @@
+"""The diagnosis end to end, on trips of the challenge's own car, which shares nothing with the plant."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rollingroad.gap.challenge import box, cars, routes, truth
+from rollingroad.gap.diagnose import diagnose, weigh
+from rollingroad.gap.result import as_json
+from sensors.log import SensorLog
+from sensors.packets import decode
+from vehicle_model.car.errors import BadInput
+from vehicle_model.car.files import read_car
+
+HEAT = 745.0 * 43e6
+DRIVER = {"accel": 1.6, "decel": 1.3, "up_rpm": 2800.0, "down_rpm": 1500.0, "speed_factor": 1.0, "shift_time": 0.5,
+          "gain": 0.6, "launch_speed": 150.0, "lift_time": 6.0}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def garage(tmp_path_factory: pytest.TempPathFactory):
+    """A car, its file, and a maker of logged trips."""
+    rng = np.random.default_rng(11)
+    car = cars.draw(rng)
+    path = tmp_path_factory.mktemp("car") / "car.xml"
+    path.write_text(car.xml)
+
+    def trip(seed: int, effects: dict[str, float], sensed: dict[str, float]) -> bytes:
+        rng = np.random.default_rng(seed)
+        road = routes.draw(rng, 7000, {"town": 0.3, "rural": 0.5, "motorway": 0.2})
+        driver = {**DRIVER, "lift_time": rng.uniform(3, 8), "up_rpm": rng.uniform(2500, 3200)}
+        drive = truth.simulate(car.true, car.ratios, driver, road, effects, np.ones(3000), np.zeros(3000))
+        at = np.arange(len(road.north)) * road.step
+        north, east = np.interp(drive["s"], at, road.north), np.interp(drive["s"], at, road.east)
+        return box.record(drive, north, east, car.box, sensed, HEAT, rng)
+
+    reference = [decode(trip(seed, {}, {}), f"reference_{seed}") for seed in (1, 2, 3)]
+    return path, trip, reference
+
+
+def _answer(garage, effects: dict[str, float], sensed: dict[str, float], hide: tuple[str, ...] = ()) -> dict:
+    path, trip, reference = garage
+    logs = [decode(trip(seed, effects, sensed), f"trip_{seed}") for seed in (21, 22)]
+    return as_json(weigh(read_car(path), logs, reference, None, hide))
+
+
+def _known(result: dict) -> list[str]:
+    return next(c["effects"] for c in result["causes"] if c["effects"] != ["none"])
+
+
+def test_without_a_gap_nothing_is_named(garage) -> None:
+    """Given other trips of the same car, then the verdict is no gap, and the rows say so and sum to one."""
+    result = _answer(garage, {}, {})
+    assert result["verdict"] == "no_gap"
+    assert sum(c["probability"] for c in result["causes"]) == pytest.approx(1.0)
+    assert {"none", "outside_catalogue"} <= {e for c in result["causes"] for e in c["effects"]}
+    json.dumps(result)
+
+
+def test_a_wind_is_named_measured_and_shrinks_the_held_out_gap(garage) -> None:
+    """Given a wind of 5 m/s from the north, then it is named within 15 %, in the road load, and most is recovered."""
+    result = _answer(garage, {"wind_n": 5.0}, {})
+    first = result["causes"][0]
+    assert first["effects"] == ["head_wind"]
+    assert first["parameters"]["head_wind.speed"]["value"] == pytest.approx(5.0, rel=0.15)
+    assert result["where"][0]["subsystem"] == "road_load"
+    assert result["shrinkage"]["held_out"]
+    assert result["shrinkage"]["recovered"] > 0.6
+
+
+def test_a_hidden_effect_is_not_named_but_told_apart(garage) -> None:
+    """Given overrun that burns, with that effect out of the catalogue, then it is outside, in engine and fuel."""
+    seen = _answer(garage, {"cut_lost": 1.0}, {})
+    hidden = _answer(garage, {"cut_lost": 1.0}, {}, ("fuel_cutoff",))
+    assert _known(seen) == ["fuel_cutoff"]
+    assert hidden["verdict"] == "outside_catalogue"
+    assert not any("fuel_cutoff" in c["effects"] for c in hidden["causes"])
+    assert hidden["where"][0]["subsystem"] == "engine_fuel"
+
+
+def test_a_sensor_is_not_booked_to_physics(garage) -> None:
+    """Given a smaller wheel, then the wheel is named with its size and nothing of the car."""
+    result = _answer(garage, {}, {"radius": 0.985})
+    first = result["causes"][0]
+    assert first["effects"] == ["wheel_radius"]
+    assert first["parameters"]["wheel_radius.change"]["value"] == pytest.approx(-0.015, abs=0.002)
+    assert result["where"][0]["subsystem"] == "wheel"
+
+
+def test_another_car_is_refused_by_name(garage, tmp_path: Path) -> None:
+    """Given logs of a car with other gears, then one line names the log and what was expected."""
+    path, trip, reference = garage
+    other = tmp_path / "other.xml"
+    text = path.read_text()
+    ratios = [line for line in text.splitlines() if "gear=" in line and 'gear=""' not in line]
+    for line in ratios:
+        value = float(line.split('"')[1])
+        text = text.replace(line, line.replace(f"{value:.3f}", f"{value * 1.13:.3f}"))
+    other.write_text(text)
+    with pytest.raises(BadInput, match="another car"):
+        weigh(read_car(other), [decode(trip(21, {}, {}), "trip")], reference, None)
+
+
+def test_too_short_and_empty_input(garage, tmp_path: Path) -> None:
+    """Given seconds of driving, an empty folder, an unknown effect, then each is refused in words."""
+    path, trip, _ = garage
+    log = decode(trip(21, {}, {}), "short")
+    cut = SensorLog({n: rows[rows["t"] < rows["t"][0] + 20.0] for n, rows in log.streams.items() if len(rows)}, {}, "short")
+    with pytest.raises(BadInput, match="too short"):
+        weigh(read_car(path), [cut], [], None)
+    with pytest.raises(BadInput, match="at least one"):
+        diagnose(path, tmp_path)
+    with pytest.raises(BadInput, match="one of"):
+        weigh(read_car(path), [log], [], None, ("no_such_effect",))
