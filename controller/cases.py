@@ -10,6 +10,7 @@ from controller import acceleration, ball_and_wheel, distance, hill_road, linear
 from controller.controller_model import RPM, THESIS, THESIS_CVT, ControllerModel, model_of
 from controller.direct import solve_phases
 from controller.problem import Problem
+from controller.pulse_and_glide import pulse_and_glide
 from controller.soft_driving import compare
 from controller.solution import Certificate, Solution
 from vehicle_model.car.errors import BadInput
@@ -113,8 +114,18 @@ def _beaten(solution: Solution, least: float) -> Solution:
 
 
 def cvt_distance(methods: tuple[str, ...], car: Car | None) -> list[Solution]:
-    """4.5.1: CVT, 5 km, free time and final speed; the thesis' corner is refused, dp gives the infimum."""
-    return _distance("cvt-distance", _stepless(car), methods)
+    """4.5.1: CVT, 5 km, free time and final speed; the thesis' corner is refused, dp gives the infimum.
+
+    Row "pulse-and-glide" is a drive that can be driven, in six pulses; its note says what the corner costs more.
+    """
+    model = _stepless(car)
+    found = _distance("cvt-distance", model, methods)
+    if "indirect" in methods and found[methods.index("indirect")].certificate.refused is not None:
+        corner = found[methods.index("indirect")]
+        pulsed = pulse_and_glide(model, corner.distance, corner.notes["speed"], 6)
+        excess = 100.0 * (corner.cost / pulsed.cost - 1.0)
+        found.append(replace(pulsed, notes={**pulsed.notes, "corner_excess_percent": excess}))
+    return found
 
 
 def cvt_corner(methods: tuple[str, ...], car: Car | None) -> list[Solution]:
