@@ -111,12 +111,35 @@ def regress(
         if accept:
             suite.accept(found)
         rows = suite.differences(found, rules)
-        for name in dict.fromkeys(
-            row.scenario for row in rows if row.fell_short and not found[row.scenario].get("error")
-        ):
+        for name in suite.worth_recording(rows):
             # Same seed, same bits: this is the run that fell short, with everything that a run keeps.
             tell(f"recording {name}")
             run_chain(make_task(chosen[name]), out / name, workers=workers)
     result = suite.as_json(rows, len(chosen))
     print_json(result) if json else regress_table(rows, len(chosen), out)
     return 1 if result["fell_short"] else 0
+
+
+@app.command(epilog="Example: rollingroad sweep winds.toml --out winds")
+def sweep(
+    file: Annotated[Path, typer.Argument(metavar="FILE.toml", help="Command, grid of settings, seeds.")],
+    workers: Workers = None,
+    cluster: Cluster = None,
+    out: Annotated[Path, typer.Option("--out", help="Where results are kept; sweep.json holds them all.")] = Path(
+        "sweep"
+    ),
+    json: Json = False,
+) -> int:
+    """Any command over a grid of settings and seeds; resumes where it was stopped."""
+    from rollingroad.cli.judge_tables import sweep_table
+    from rollingroad.cli.output import print_json, progress
+    from rollingroad.evaluation.store import Store
+    from rollingroad.evaluation.sweep import read_sweep, run_sweep
+    from rollingroad.folder import write_json
+
+    asked = read_sweep(file)
+    with progress(quiet=json) as tell:
+        found = run_sweep(asked, Store(out / "units"), workers=workers, cluster=cluster, tell=tell)
+    write_json(out / "sweep.json", found)
+    print_json(found) if json else sweep_table(found, out / "sweep.json")
+    return 1 if found["failed"] or any(row["status"] for row in found["rows"]) else 0

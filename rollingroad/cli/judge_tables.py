@@ -66,7 +66,7 @@ def _signed(value: float | None) -> str:
 
 
 def regress_table(rows: Sequence[Difference], scenarios: int, kept: Path) -> None:
-    """Print every metric that moved by more than a tenth of its tolerance, worst first, and where the recordings are."""
+    """Print each metric that moved by more than a tenth of its tolerance, worst first, and where recordings are."""
     out = console()
     table = Table(title=f"{scenarios} scenarios against their baselines")
     for name in ("scenario", "metric", "was", "is", "moved", "tolerance", ""):
@@ -96,3 +96,24 @@ def _moved(row: Difference) -> float:
     if row.was is None or row.now is None or row.was == row.now:
         return 0.0
     return abs(row.now - row.was) / row.tolerance if row.tolerance else float("inf")
+
+
+def sweep_table(found: Mapping[str, Any], kept: Path) -> None:
+    """Print each point with the numbers that its command gave at the top level."""
+    out = console()
+    rows = found["rows"]
+    keys = list(rows[0]["settings"]) if rows else []
+    figures = [k for k, v in rows[0]["output"].items() if isinstance(v, int | float) and k != "seed"] if rows else []
+    table = Table(title=f"{found['command']}: {len(rows)} points")
+    for name in (*keys, *figures):
+        table.add_column(name, justify="right")
+    for row in rows:
+        values = [row["output"].get(name) for name in figures]
+        table.add_row(
+            *(str(row["settings"][key]) for key in keys),
+            *(f"{value:.5g}" if isinstance(value, int | float) else "–" for value in values),
+        )
+    out.print(table)
+    for entry in found["failed"]:
+        out.print(f"failed at {entry['settings']}: {entry['error']}", soft_wrap=True)
+    out.print(f"everything: {kept}")

@@ -1,4 +1,4 @@
-"""The regression suite: every scenario's metrics against those that were accepted last, with tolerances that say why."""
+"""The regression suite: every scenario's metrics against those that were accepted last, within tolerances."""
 
 import json
 import math
@@ -144,6 +144,11 @@ def _of(name: str, result: Mapping[str, Any], suite: Suite, folder: Path) -> Ite
             yield Difference(name, metric, was, now, None, was is not now)
         else:
             yield Difference(name, metric, was, now, allowed.around(was), allowed.fell_short(was, now))
+
+
+def worth_recording(rows: Sequence[Difference]) -> list[str]:
+    """Scenarios in which a figure fell short: not those that could not run, or were never accepted."""
+    return list(dict.fromkeys(row.scenario for row in rows if row.fell_short and row.was is not None and row.now))
 
 
 def as_json(rows: Sequence[Difference], scenarios: int) -> dict[str, Any]:
