@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer import kernel
-from observer.estimate import STATES, Estimate
+from observer.estimate import Estimate
 from observer.events import fuel_steps, prepare, with_grid
 from observer.model import KINDS, OMEGA
 from observer.settings import DEFAULT, ObserverSettings
@@ -33,7 +33,14 @@ RECORD = np.dtype(
 REASONS = np.array(["", "gate", "not_finite", "reopened", "stuck", "anchor", "poor"])
 """By code of `observer.kernel`: beyond the gate; not a number; fused after a gate had been shut for too long; the
 sensor repeats itself; the first pulse after a silence, which only sets the zero; said by the sensor to be poor."""
-BIASES = ("bias_x", "bias_y", "bias_z")
+LEARNT = {
+    "bias_x": kernel.BIAS_X,
+    "bias_y": kernel.BIAS_Y,
+    "bias_z": kernel.BIAS_Z,
+    "odometer_slip": kernel.SLIP,
+    "odometer_scale": kernel.SCALE,
+}
+"""What a trip leaves to the next (`Estimate.learnt`, with `..._variance`), and its place in the kernel's state."""
 _UNKNOWN = (
     kernel.M_TICK_TIME,
     kernel.M_PULSE_TIME,
@@ -98,11 +105,13 @@ def start(car: Car, settings: ObserverSettings, learnt: Mapping[str, float] | No
     P = np.diag([kernel.initial_variance(i, vector) for i in range(kernel.NX)])
     x[OMEGA] = car.engine.idle_speed
     x[kernel.SLIP] = settings.slip
-    for name in BIASES:
+    # between trips: loads shift, tyres cool
+    forgotten = {place: settings.bias_trip_deviation**2 for place in (kernel.BIAS_X, kernel.BIAS_Y, kernel.BIAS_Z)}
+    forgotten |= {kernel.SLIP: (0.1 * settings.slip_deviation) ** 2, kernel.SCALE: 1e-8}
+    for name, place in LEARNT.items():
         if learnt and name in learnt:
-            place = STATES.index(name)
             x[place] = learnt[name]
-            P[place, place] = min(learnt.get(f"{name}_variance", P[place, place]) + 1e-6, P[place, place])
+            P[place, place] = min(learnt.get(f"{name}_variance", P[place, place]) + forgotten[place], P[place, place])
     memory = np.zeros(kernel.MEMORY)
     memory[list(_UNKNOWN)] = math.nan
     memory[kernel.M_SINCE :] = math.nan
@@ -146,8 +155,8 @@ def observe(
 ) -> Estimate:
     """Return the estimate of the trip that `log` holds: causal filter and smoother at 10 Hz, and its records.
 
-    `learnt` is what an earlier trip's `Estimate.learnt` says (biases in m/s2 and their variances). The filter is the
-    CD-EKF of A.3.1.3, the smoother the modified Bryson-Frazier form of the fixed-interval smoother.
+    `learnt` is what an earlier trip's `Estimate.learnt` says (`LEARNT`: biases in m/s2, the odometer's slip and scale).
+    The filter is the CD-EKF of A.3.1.3, the smoother the modified Bryson-Frazier form of the fixed-interval smoother.
     """
     passages = None if road_map is None else observations(log, road_map, car.metres_per_tick, settings.gps_lag)
     packets, _ = prepare(log, passages)
@@ -166,9 +175,8 @@ def observe(
     kernel.advance(events, 0, len(events), f)
     smooth_x, smooth_P = _smooth(packets, start(car, settings, learnt, begin))
     x, P, memory = f.x, f.P, f.memory
-    places = {name: STATES.index(name) for name in BIASES}
-    found = {name: float(x[place]) for name, place in places.items()}
-    found |= {f"{name}_variance": float(P[place, place]) for name, place in places.items()}
+    found = {name: float(x[place]) for name, place in LEARNT.items()}
+    found |= {f"{name}_variance": float(P[place, place]) for name, place in LEARNT.items()}
     return Estimate(
         time=events[on_grid, 0],
         state=f.grid_x[:, :17].copy(),

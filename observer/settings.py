@@ -138,6 +138,8 @@ class ObserverSettings:
     """Share of the deviation that the matcher states of a heading,"""
     map_straightness_scale: float = 0.15
     """and of a straightness, that is seen in fact."""
+    bias_trip_deviation: float = 0.02
+    """m/s2 by which a bias changes from trip to trip."""
 
     def vector(self) -> NDArray[np.float64]:
         """The settings in the order of their fields, as the kernel reads them."""
