@@ -259,8 +259,8 @@ def variants(car: Car) -> list[Variant]:
     for load in (0.6, 0.7, 0.8, 0.9):
         # a threshold below the declared one moves fuel there too: the step holds amount and place together
         out.append(_plant("enrichment", {"amount": (0.10, 0.1, "", 0.08, 0)}, {"enrichment.load": load}))
-    for speed in (0.2, 0.35, 0.5, 0.65):
-        for torque in (0.15, 0.35, 0.55, 0.8, 1.0):
+    for speed in (0.2, 0.3, 0.4, 0.5, 0.65):
+        for torque in (0.15, 0.3, 0.45, 0.65, 0.85, 1.05):
             out.append(_plant("map_drift", {"size": (0.0, 0.03, "", 0.04, 0)},
                               {"map_drift.speed": speed, "map_drift.torque": torque}))  # fmt: skip
     for period in (12.0, 16.0, 20.0, 25.0, 30.0, 36.0, 44.0, 52.0, 60.0):

@@ -107,7 +107,8 @@ def test_too_short_and_empty_input(garage, tmp_path: Path) -> None:
     """Given seconds of driving, an empty folder, an unknown effect, then each is refused in words."""
     path, trip, _ = garage
     log = decode(trip(21, {}, {}), "short")
-    cut = SensorLog({n: rows[rows["t"] < rows["t"][0] + 20.0] for n, rows in log.streams.items() if len(rows)}, {}, "short")
+    rows = {n: part[part["t"] < part["t"][0] + 20.0] for n, part in log.streams.items() if len(part)}
+    cut = SensorLog(rows, {}, "short")
     with pytest.raises(BadInput, match="too short"):
         weigh(read_car(path), [cut], [], None)
     with pytest.raises(BadInput, match="at least one"):
