@@ -55,8 +55,8 @@ def _better(data, at, end, stop):
     """Tell whether valid packets that begin inside [at + 1, end) explain the bytes better than the one at `at`.
 
     Then what begins at `at` is damage whose check came out right by accident (1 in 256), and must not swallow good
-    packets: when one, or several in a row, reach beyond `end` and are followed by something legal, while nothing legal follows `end`; and
-    when a text (whose length can be anything) holds a whole packet of fixed size, which by accident is rarer still.
+    packets: when one or several in a row reach beyond `end` and are followed by something legal, while nothing legal
+    follows `end`; and when a text, whose length can be anything, holds a whole packet (NMEA never holds 0xFF).
     """
     text = PAYLOAD[data[at + 1]] == 0
     if not text and (end >= stop or (end + 3 <= stop and _header(data, end) == 0)):
@@ -67,10 +67,10 @@ def _better(data, at, end, stop):
         reach = other + 3 + data[other + 2]
         if reach > stop or not _check(data, other):
             continue
-        if text and PAYLOAD[data[other + 1]] != 0:
+        if text:
             return True
         # Several in a row may lead beyond the end.
-        while reach < end and _header(data, reach) == 0:
+        while reach < end and reach + 3 <= stop and _header(data, reach) == 0:
             after = reach + 3 + data[reach + 2]
             if after > stop or not _check(data, reach):
                 break

@@ -35,8 +35,7 @@ def is_explained_better(data: bytes, at: int) -> bool:
             reach = other + 3 + data[other + 2]
             while reach < end and is_packet(data, reach):
                 reach += 3 + data[reach + 2]
-            whole_in_text = text and PAYLOAD[data[other + 1]] != 0
-            if whole_in_text or (reach > end and could_follow(data, reach)):
+            if text or (reach > end and could_follow(data, reach)):
                 return True
     return False
 
