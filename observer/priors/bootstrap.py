@@ -65,12 +65,19 @@ class Bootstrap:
         cloud = drawn()
         if self.inside is None:
             return cloud
-        for _ in range(100):
+        for _ in range(self.redraws):
             bad = ~self.inside(cloud)
             if not bad.any():
                 return cloud
             cloud[bad] = drawn()[bad]
-        raise ValueError("bootstrap: expected a bounded set that the first particles can lie in")
+        # what is still outside takes the place of one that is inside
+        bad = ~self.inside(cloud)
+        for run in np.flatnonzero(bad.any(axis=1)):
+            good = cloud[run, ~bad[run]]
+            if not len(good):
+                raise ValueError("bootstrap: expected a bounded set that some of the first particles lie in")
+            cloud[run, bad[run]] = good[rng.integers(len(good), size=int(bad[run].sum()))]
+        return cloud
 
     def _moved(self, cloud: Array, drift: Array, rng: np.random.Generator) -> Array:
         moved = cloud + drift * rng.standard_normal(cloud.shape)

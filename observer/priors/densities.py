@@ -57,11 +57,11 @@ class GaussianPrior:
     def __call__(self, theta: Array) -> Array:
         """P(theta): (..., d) to (...)."""
         if self.dimension == 1:  # without the sum over an axis of one: the fast path of the estimators
-            z = (theta[..., 0] - self.mean[0]) * self._whiten[0, 0]
+            z = np.asarray((theta[..., 0] - self.mean[0]) * self._whiten[0, 0])
             z *= z
         else:
             w = (theta - self.mean) @ self._whiten.T
-            z = np.einsum("...i,...i->...", w, w)
+            z = np.asarray(np.einsum("...i,...i->...", w, w))
         z *= -0.5
         np.exp(z, out=z)
         z *= self._peak

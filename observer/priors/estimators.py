@@ -1,4 +1,4 @@
-"""The estimators of seed 000 that hold one number per parameter: low-pass filter, static and adaptive prior estimator."""
+"""Estimators of seed 000 that hold one number per parameter: low-pass filter, static and adaptive prior estimator."""
 
 from collections import deque
 from dataclasses import dataclass, field

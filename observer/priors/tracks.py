@@ -39,6 +39,6 @@ PLANE_STATIONARY = steps([(0.0, 0.0)], 200)
 
 
 def measured(track: Array, deviation: float | Sequence[float], runs: int, seed: int = 0) -> Array:
-    """Return measurements (n, runs, d) of `track` (n, d) under white Gaussian noise of `deviation` (a number or (d,))."""
+    """Measurements (n, runs, d) of `track` (n, d) under white Gaussian noise of `deviation` (a number or (d,))."""
     rng = generator(seed, "prior tracks")
     return track[:, None, :] + np.asarray(deviation) * rng.standard_normal((len(track), runs, track.shape[1]))

@@ -6,10 +6,11 @@ All equations are lost in print; the construction follows the text. With P > 0 a
     subject to  P A - Y C + (P A - Y C)' + W' W <= 0,   [T, (Y H)'; Y H, P] >= 0
 
 bounds the squared H2 norm of the observer error (observability form); a column of Y is zero where that of L = P^-1 Y
-is. `alpha` of the paper's cost (1 - alpha) trace(T) + alpha |.|_1 is lambda = alpha / (1 - alpha), in units in which the
-unpenalised optimum is 1 in the norm's square and in each column sum.
+is. `alpha` of the paper's cost (1 - alpha) trace(T) + alpha |.|_1 is lambda = alpha / (1 - alpha), in units in which
+the unpenalised optimum is 1 in the norm's square and in each column sum.
 """
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -113,7 +114,10 @@ class SparseDesign:
 
     def _solve(self, penalty: Array, accuracy: float) -> Array:
         self._penalty.value = penalty
-        self._problem.solve(solver=cp.CLARABEL, tol_gap_abs=accuracy, tol_gap_rel=accuracy, tol_feas=accuracy)
+        with warnings.catch_warnings():
+            # an inaccurate support is accepted: it only proposes sets, the Kalman filter's norm decides
+            warnings.filterwarnings("ignore", message="Solution may be inaccurate")
+            self._problem.solve(solver=cp.CLARABEL, tol_gap_abs=accuracy, tol_gap_rel=accuracy, tol_feas=accuracy)
         if self._problem.status not in ("optimal", "optimal_inaccurate"):
             raise ValueError(f"the semidefinite programme ended as {self._problem.status}")
         return np.maximum(np.asarray(self._use.value), 0.0)
