@@ -1,5 +1,8 @@
 """The environments keep Gymnasium's promises, and their car is ours."""
 
+import subprocess
+import sys
+
 import gymnasium
 import numpy as np
 import pytest
@@ -55,3 +58,17 @@ def test_highway_car_is_the_plant() -> None:
     gains = np.diff(speeds)
     assert gains.max() < 2.0 and speeds[-1] > 26.0
     assert np.all(np.diff(fuel) > 5_000.0)
+
+
+@pytest.mark.parametrize(
+    "program",
+    [
+        'import gymnasium; gymnasium.spec("rollingroad:rollingroad/EcoDrive-v0")',
+        'import rollingroad, sys; assert "gymnasium" not in sys.modules and "numpy" not in sys.modules',
+        'import rollingroad, gymnasium; gymnasium.spec("rollingroad/HighwayEco-v0")',
+        'import rollingroad, gymnasium; gymnasium.spec("rollingroad:rollingroad/EcoDrive-v0")',
+    ],
+)
+def test_environments_are_registered_whatever_is_imported_first_and_cost_nothing_before(program: str) -> None:
+    """In a fresh interpreter, outside the repository."""
+    subprocess.run([sys.executable, "-c", program], check=True, cwd="/")
