@@ -28,7 +28,7 @@ class Spread:
         return self.alpha**2 * (n + self.kappa)
 
     def weights(self, n: int) -> tuple[Array, Array]:
-        """Weights of mean and covariance, (2 n + 1,) each: 1 / (2 (n + lambda)) for i > 0 (A.19 prints lambda / ...)."""
+        """Weights of mean and covariance, (2 n + 1,) each: 1 / (2 (n + lambda)), where A.19 prints lambda / ..."""
         c = self.scale(n)
         mean = np.full(2 * n + 1, 0.5 / c)
         mean[0] = 1.0 - n / c
@@ -128,7 +128,7 @@ def correct_square_root(x: Array, S: Array, reading: Reading, spread: Spread) ->
         factor * np.where(signs == 0.0, 1.0, signs), np.sqrt(abs(wc[0])) * e[0], float(np.sign(wc[0]))
     )
     cross = (points - x).T @ (wc[:, None] * e)
-    gain = solve_triangular(factor, solve_triangular(factor, cross.T, lower=True), lower=True, trans="T").T
+    gain = solve_triangular(factor, solve_triangular(factor, cross.T, lower=True), lower=True, trans=1).T
     u = gain @ factor
     for column in u.T:
         S = update_cholesky(S, column, -1.0)
