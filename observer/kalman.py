@@ -79,7 +79,7 @@ def linear_reading(c: Array, value: Array, noise: Array) -> Reading:
 
 def luenberger_gain(a: Array, c: Array, poles: Array) -> Array:
     """Return L (n, m) that gives A - L C the eigenvalues `poles` (A.1). Raises ValueError where (A, C) forbids it."""
-    return place_poles(a.T, c.T, poles)["gain_matrix"].T
+    return place_poles(a.T, c.T, poles).gain_matrix.T  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def observe_luenberger(a: Array, c: Array, gain: Array, x: Array, y: Array, dt: float) -> Array:
