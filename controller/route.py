@@ -132,15 +132,27 @@ def plan_route_in_time(
     rough = _Problem.build(
         road, fuel_map, car, start_speed, end_speed, end_price, comfort, 3.0 * step, max(nodes // 2, 60), None
     )
-    # a coarse grid finds the time value, the fine grid corrects it by what the two disagree about
+    # a coarse grid finds the time value, the fine grid corrects it by what the two disagree about, then brackets it
     known: dict[float, float] = {}
+    fine: dict[float, float] = {}
     offset = 0.0
-    for _ in range(8):
-        value = _time_value(rough, trip_time - offset, start_gear, known, tolerance / 4.0)
+    for round_ in range(12):
+        slower = max((v for v in fine if fine[v] > trip_time), default=None)
+        faster = min((v for v in fine if fine[v] <= trip_time), default=None)
+        if slower is not None and faster is not None:
+            if not slower < faster * (1.0 - 1e-6):
+                break
+            share = (1.0 / trip_time - 1.0 / fine[slower]) / (1.0 / fine[faster] - 1.0 / fine[slower])
+            value = slower + (0.5 if round_ % 3 == 2 else min(max(share, 0.05), 0.95)) * (faster - slower)
+        else:
+            value = _time_value(rough, trip_time - offset, start_gear, known, tolerance / 2.0)
+            value = max(value, 1.005 * slower) if slower is not None else value
+            value = min(value, 0.995 * faster) if faster is not None else value
         planned = problem.plan(value, start_gear)
         found = float(planned[0].seconds.sum())
         if abs(found - trip_time) <= tolerance * trip_time:
             return problem.advise(value, *planned, policy_step, certify)
+        fine[value] = found
         offset = found - _nearest(known, value)
     value = _bisect(problem, trip_time, start_gear, tolerance)
     return problem.solve(value, start_gear, policy_step, certify)
@@ -155,8 +167,11 @@ def _nearest(known: dict[float, float], value: float) -> float:
 def _time_value(
     problem: "_Problem", trip_time: float, start_gear: int | None, known: dict[float, float], tolerance: float
 ) -> float:
-    """Time value at which `problem` takes about `trip_time` s; `known` (time value -> s) is used and filled."""
-    for value in (0.0, 20_000.0, 500_000.0):
+    """Time value at which `problem` takes about `trip_time` s; `known` (time value -> s) is used and filled.
+
+    The time falls in steps as the time value rises: across a step the search ends at 0.2 % of the time value.
+    """
+    for value in (0.0, 20_000.0, 80_000.0, 500_000.0):
         if value not in known:
             known[value] = problem.trip_time(value, start_gear)
         if known[value] <= trip_time:
@@ -170,7 +185,7 @@ def _time_value(
         low, high = slower[-1], faster[0]
         share = (1.0 / trip_time - 1.0 / known[low]) / (1.0 / known[high] - 1.0 / known[low])
         value = low + (0.5 if round_ % 3 == 2 else min(max(share, 0.05), 0.95)) * (high - low)
-        if min(known[low] - trip_time, trip_time - known[high]) <= tolerance * trip_time or high - low < 1e-5 * high:
+        if min(known[low] - trip_time, trip_time - known[high]) <= tolerance * trip_time or high - low < 2e-3 * high:
             return low + min(max(share, 0.0), 1.0) * (high - low)
         known[value] = problem.trip_time(value, start_gear)
     return value
