@@ -73,7 +73,10 @@ HUMAN_ORACLE = Way("oracle", "true", False)
 
 @dataclass(frozen=True)
 class Found:
-    """Advised drives at the baseline's mean time. All by seed; empty where no price gives that time."""
+    """Advised drives at the baseline's mean time, by seed; at the nearest mean time where no price gives that."""
+
+    equal: bool
+    """Whether the mean times are equal."""
 
     fuel: Mapping[int, float]
     """J, interpolated, with the baseline's energy at the end."""
@@ -186,9 +189,9 @@ class _World:
         first = (self._first_price,) if way.advisor in FIXED else (self._first_price, HASTE * self._first_price)
         _drive_around(at, first, rounds=1 if way.advisor in FIXED else ROUNDS)
         found = self._at_equal_time(driven)
-        if found is None:
+        if found is None or not found.equal:
             self._fail(way.advisor, "no price of time makes the mean trip as long as the baseline's", drive=str(way))
-        else:
+        if found is not None:
             self._found[way] = found
 
     def _mean(self, drives: Mapping[int, Account], price: float) -> Consumption:
@@ -202,12 +205,10 @@ class _World:
         ratios = [self._mean(driven[price], price).time for price in prices]
         if not prices:
             return None
-        pair = bracket(ratios, 1.0)
+        pair, equal = bracket(ratios, 1.0), True
         if pair is None:
             nearest = min(range(len(prices)), key=lambda i: abs(ratios[i] - 1.0))
-            if abs(ratios[nearest] - 1.0) > CLOSE:
-                return None
-            pair = nearest, nearest
+            pair, equal = (nearest, nearest), abs(ratios[nearest] - 1.0) <= CLOSE
         low, high = (driven[prices[i]] for i in pair)
         seeds = sorted(set(low) & set(high))
         if not seeds:
@@ -221,6 +222,7 @@ class _World:
         )
         spans = {s: [d[s]["time"] for d in driven.values() if s in d] for s in seeds}
         return Found(
+            equal=equal,
             fuel=fuel,
             naive={s: thrifty[s]["fuel"] for s in seeds},
             nearer=low if share <= 0.5 else high,
@@ -234,7 +236,7 @@ class _World:
         return corrected_fuel(_consumption(drive), _consumption(base), base["efficiency"])
 
     def row(self, way: Way) -> dict[str, Any]:
-        """A row of `evaluate --json`."""
+        """A row of `evaluate --json`; without equal mean times the figures that need them are None."""
         world, found, oracle = self.world, self._found.get(way), self._found.get(ORACLE)
         base = {seed: account["fuel"] for seed, account in self.baseline.items()}
         head = {"scenario": world.scenario, "car": world.car, "advisor": way.advisor, "baseline": world.baseline}
@@ -246,7 +248,8 @@ class _World:
             return head | {"seeds": 0} | empty | {"safety": None, "seeds_not_bracketed": [], "price_W": None}
         seeds = list(found.fuel)
         saving = [100.0 * (1.0 - found.fuel[s] / base[s]) for s in seeds]
-        fair = float(np.mean(saving))
+        fair = float(np.mean(saving)) if found.equal else None
+        oracle = oracle if oracle is not None and oracle.equal else None
         paired = [s for s in seeds if oracle is not None and s in oracle.fuel]
         best = float(np.mean([100.0 * (1.0 - oracle.fuel[s] / base[s]) for s in paired])) if oracle and paired else None
         regret = self._regret(way, found, oracle, paired)
@@ -254,10 +257,10 @@ class _World:
         return head | {
             "seeds": len(seeds),
             "fair_saving_percent": fair,
-            "ci95": interval(saving),
+            "ci95": interval(saving) if found.equal else None,
             "time_difference_percent": found.time_difference_percent,
             "naive_saving_percent": float(np.mean([100.0 * (1.0 - found.naive[s] / base[s]) for s in seeds])),
-            "oracle_fraction": fair / best if best is not None and best > 0.0 else None,
+            "oracle_fraction": fair / best if fair is not None and best is not None and best > 0.0 else None,
             "limit_violations": self._beyond(found, "limit_violations"),
             "min_time_to_collision_s": _least([found.nearer[s] for s in seeds]),
             "oracle_saving_percent": best,
@@ -283,10 +286,12 @@ class _World:
     ) -> dict[str, tuple[float, float]] | None:
         """Each loss in percent of the baseline's fuel and in J, means over the paired seeds; None without an oracle."""
         human = self._found.get(HUMAN_ORACLE)
+        if not found.equal or human is None or not human.equal:
+            return None
         if way == ORACLE:
             return dict.fromkeys(LOSSES, (0.0, 0.0))
-        seeds = [s for s in paired if human is not None and s in human.fuel]
-        if oracle is None or human is None or len(seeds) < len(found.fuel):
+        seeds = [s for s in paired if s in human.fuel]
+        if oracle is None or len(seeds) < len(found.fuel):
             return None
         losses = {s: dict.fromkeys(LOSSES, 0.0) for s in seeds}
         if way.advisor in PLANNERS:

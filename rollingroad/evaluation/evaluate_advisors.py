@@ -1,46 +1,27 @@
-"""The advisors that an evaluation knows by name, and how one's own is added (entry points `rollingroad.advisors`)."""
+"""The advisors that an evaluation knows by name: the shipped ones, and one's own (entry points `rollingroad.advisors`).
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+An entry point is called with a `sim.advisor.Context` and returns a `sim.advisor.Advisor`.
+"""
+
+from dataclasses import replace
 from importlib.metadata import entry_points
 
-from controller.advice import Advice, RoadAhead
+from controller.advice import Advice
 from controller.route import plan_route
-from observer.efficiency_map import FuelMap
-from rollingroad.arrows import ADVICE_BEGINS, PLAN_STEP
-from sim.advisor import AdviceFollower, Advisor
+from rollingroad.arrows import PLAN_STEP
+from sim.advisor import Advisor, Context
+from sim.advisors import ADVISORS, FIXED, make
 from vehicle_model.car.errors import BadInput
-from vehicle_model.car.parameters import Car
 
-FINE = 2
-"""The oracle plans on half the step and with twice the speeds."""
-NODES = 200
-"""Speeds of the planner's grid."""
+__all__ = ["FIXED", "PLANNERS", "UNHURRIED", "advisor", "advisor_names", "at_price", "pace", "plan"]
+
+GROUP = "rollingroad.advisors"
+PLANNERS = ("pontryagin",)
+"""Those whose loss to the map and to the planner can be told apart on paper."""
+FINE, NODES = 2, 200
+"""The planner's grid of speeds, and how much finer the oracle's is."""
 UNHURRIED = 100.0
 """W: below it time costs next to nothing, and a slower trip takes lower speeds than the limits (`pace`)."""
-
-
-@dataclass(frozen=True)
-class Knowledge:
-    """What an advisor may go by before it sets out; it never holds the truth, the oracle's map apart."""
-
-    road: RoadAhead
-    fuel_map: FuelMap
-    car: Car
-    start_speed: float
-    """m/s."""
-    end_speed: float
-    price: float
-    """W: what a second is worth. It is set so that the mean trip takes as long as the baseline's."""
-
-    @property
-    def paced_road(self) -> RoadAhead:
-        """The road with its speeds times `pace`."""
-        share = pace(self.price)
-        return replace(self.road, speed_max=share * self.road.speed_max, speed_min=share * self.road.speed_min)
-
-
-Maker = Callable[[Knowledge], Advisor]
 
 
 def pace(price: float) -> float:
@@ -52,16 +33,23 @@ def pace(price: float) -> float:
     return min((price / UNHURRIED) ** 0.1, 1.0)
 
 
-def plan(known: Knowledge, *, fine: bool = False) -> Advice:
-    """The optimal drive by what is `known`, on the planner's grid or on the oracle's."""
+def at_price(known: Context, price: float) -> Context:
+    """`known` with a second worth `price` (W), and the road at the `pace` that goes with it."""
+    share, road = pace(price), known.road
+    paced = replace(road, speed_max=share * road.speed_max, speed_min=share * road.speed_min)
+    return replace(known, road=paced, time_value=price)
+
+
+def plan(known: Context, *, fine: bool = False) -> Advice:
+    """The optimal drive over the whole road by what is `known`, on the planner's grid or on the oracle's."""
     step = PLAN_STEP / FINE if fine else PLAN_STEP
     return plan_route(
-        known.paced_road,
+        known.road,
         known.fuel_map,
         known.car,
         start_speed=known.start_speed,
         end_speed=known.end_speed,
-        time_value=known.price,
+        time_value=known.time_value,
         step=step,
         nodes=NODES * FINE if fine else NODES,
         policy_step=step,
@@ -69,34 +57,16 @@ def plan(known: Knowledge, *, fine: bool = False) -> Advice:
     )
 
 
-def pontryagin(known: Knowledge) -> Advisor:
-    """Follows the plan of the whole route and the policy around it."""
-    return AdviceFollower(plan(known), begin=ADVICE_BEGINS)
-
-
-def oracle(known: Knowledge) -> Advisor:
-    """Dynamic programming on the fine grid; the evaluation hands it the true map and a driver who follows exactly."""
-    return AdviceFollower(plan(known, fine=True), begin=ADVICE_BEGINS)
-
-
-ADVISORS: dict[str, Maker] = {"pontryagin": pontryagin, "oracle": oracle}
-"""The shipped ones."""
-FIXED: tuple[str, ...] = ()
-"""Those that a price of time does not change."""
-PLANNERS = ("pontryagin",)
-"""Those whose loss to the map and to the planner can be told apart on paper."""
-
-
 def advisor_names() -> list[str]:
     """Shipped and plugged-in advisors."""
-    return [*ADVISORS, *(point.name for point in entry_points(group="rollingroad.advisors"))]
+    return [*ADVISORS, *(point.name for point in entry_points(group=GROUP))]
 
 
-def advisor(name: str, known: Knowledge) -> Advisor:
+def advisor(name: str, known: Context) -> Advisor:
     """Make the advisor `name`. Raises BadInput with the names that there are."""
     if name in ADVISORS:
-        return ADVISORS[name](known)
-    for point in entry_points(group="rollingroad.advisors"):
+        return make(name, known)
+    for point in entry_points(group=GROUP):
         if point.name == name:
             return point.load()(known)
     raise BadInput("--advisors", name, f"expected one of {', '.join(advisor_names())}")

@@ -22,6 +22,7 @@ from controller.route import Comfort
 from observer.efficiency_map import FuelMap
 from observer.observe import observe
 from rollingroad.arrows import (
+    ADVICE_BEGINS,
     Mapped,
     assert_same_until_advice,
     consumption,
@@ -31,10 +32,10 @@ from rollingroad.arrows import (
     sense,
     trip_efficiency,
 )
-from rollingroad.evaluation.evaluate_advisors import Knowledge, advisor, plan
+from rollingroad.evaluation.evaluate_advisors import advisor, at_price, plan
 from rollingroad.task import Task
 from scenarios.files import parse
-from sim.advisor import Advisor
+from sim.advisor import Advisor, Context
 from sim.drive import Drive, drive
 from sim.network import build
 from sim.road_ahead import road_ahead
@@ -75,7 +76,7 @@ def advised_drive(task: Arguments, advisor_name: str, knowledge: str, price: flo
     Raises AssertionError where the two drives differ before the first advice.
     """
     before = _known(json.dumps(task, sort_keys=True))
-    known = replace(before.knowledge, price=price)
+    known = at_price(before.knowledge, price)
     if knowledge == "true":
         known = replace(known, fuel_map=before.true_map)
     driven = _drive(before.task, advisor(advisor_name, known), perfect)
@@ -92,7 +93,7 @@ def planned_losses(task: Arguments, price: float) -> dict[str, float]:
     the fuel lost at equal time, to first order in the difference of time.
     """
     before = _known(json.dumps(task, sort_keys=True))
-    truth, known = before.true_map, replace(before.knowledge, price=price)
+    truth, known = before.true_map, at_price(before.knowledge, price)
 
     def cost(fuel_map: FuelMap, fine: bool = False) -> float:
         found = plan(replace(known, fuel_map=fuel_map), fine=fine)
@@ -133,7 +134,7 @@ class _Before:
     account: dict[str, Any]
     baseline: Drive
     """Without its trip, which is large."""
-    knowledge: Knowledge
+    knowledge: Context
     """With the map found."""
     true_map: FuelMap
     map_of_the_truth: FuelMap
@@ -151,7 +152,14 @@ def _known(key: str) -> _Before:
     learnt = map_found([observe(sensed.log, task.car, sensed.road_map)], task.car)
     road = road_ahead(baseline.route, sensed.road_map)
     speeds = baseline.trip.channels["speed"]
-    known = Knowledge(road, learnt.fuel_map, task.car, float(speeds[0]), float(speeds[-1]), 0.0)
+    known = Context(
+        road=road,
+        fuel_map=learnt.fuel_map,
+        car=task.car,
+        start_speed=float(speeds[0]),
+        end_speed=float(speeds[-1]),
+        begin=ADVICE_BEGINS,
+    )
     price, _ = first_prices(road, learnt.fuel_map, task.car, baseline.trip)
     return _Before(
         task=task,

@@ -9,8 +9,9 @@ from scipy import stats
 
 from rollingroad.evaluation.engine import run_units
 from rollingroad.evaluation.evaluate import World, evaluate, interval
-from rollingroad.evaluation.evaluate_advisors import UNHURRIED, Knowledge, pace, plan
+from rollingroad.evaluation.evaluate_advisors import UNHURRIED, at_price, pace, plan
 from rollingroad.evaluation.store import Store
+from sim.advisor import Context
 from tests.rollingroad import evaluated as formula
 from vehicle_model.car.errors import BadInput
 
@@ -84,6 +85,7 @@ def test_a_scenario_that_no_price_makes_fast_enough_is_told_and_has_no_figure(tm
     found = judged(tmp_path, slowness=3.0)
     (row,) = found["rows"]
     assert row["fair_saving_percent"] is None and row["regret"] is None and row["ci95"] is None
+    assert row["time_difference_percent"] > 100.0, "what is left is told"
     assert any("no price of time" in entry["error"] for entry in found["failed"])
 
 
@@ -121,7 +123,7 @@ def test_below_the_least_price_the_plan_keeps_below_the_limits() -> None:
     from benchmarks.controller import _car, _road, _willans
 
     assert pace(1e5) == pace(UNHURRIED) == 1.0 > pace(0.5 * UNHURRIED) > pace(0.1 * UNHURRIED)
-    known = Knowledge(_road(2000.0), _willans(), _car(), 0.0, 0.0, 0.1 * UNHURRIED)
-    slow, quick = plan(known), plan(Knowledge(known.road, known.fuel_map, known.car, 0.0, 0.0, UNHURRIED))
+    known = Context(_road(2000.0), _willans(), _car())
+    slow, quick = (plan(at_price(known, price)) for price in (0.1 * UNHURRIED, UNHURRIED))
     assert slow.trip_time > quick.trip_time
-    assert np.all(slow.speed <= pace(known.price) * 130 / 3.6 + 1e-9)
+    assert np.all(slow.speed <= pace(0.1 * UNHURRIED) * 130 / 3.6 + 1e-9)
