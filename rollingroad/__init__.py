@@ -1,8 +1,8 @@
 """The application: the chain, the evaluation, the gap diagnosis, the views and the command.
 
 Importing it registers the Gymnasium environments `rollingroad/EcoDrive-v0` and `rollingroad/HighwayEco-v0`: at once
-where gymnasium is loaded (`gymnasium.make("rollingroad:rollingroad/EcoDrive-v0")`), else as soon as it is, since loading it
-takes longer than all else here and few commands need it.
+where gymnasium is loaded (`gymnasium.make("rollingroad:rollingroad/EcoDrive-v0")`), else as soon as it is: loading
+it takes longer than all else here, and few commands need it.
 """
 
 import importlib.util

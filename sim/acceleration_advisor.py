@@ -69,7 +69,7 @@ class AccelerationSynthesis:
         self._cap = rolling_cap(c.road, BRAKING)
 
     def advise(self, view: View) -> Suggestion | None:
-        """The optimal acceleration where there is room for it; the limit held; None while braking, behind a leader or before a stop."""
+        """The optimal acceleration with room ahead, the limit held; None while braking, following or before a stop."""
         c = self.context
         target = float(np.interp(view.distance + view.speed, c.road.s, self._cap))
         stop_ahead = view.signal_state in ("red", "yellow") or view.leader_gap < 4.0 * view.speed

@@ -40,8 +40,26 @@ CRAWL = 5.0
 """m/s that a driver rolling up to a stop keeps until he must brake."""
 SPEEDOMETER = 1.04
 """Displayed over true speed: ECE R39 forbids a dial to show less and allows 10 % + 4 km/h more."""
+WALKING = 1.4
+"""m/s of closing in below which a time to collision says nothing: rolling up in a queue."""
+STEADY = 0.15
+"""m/s2 up to which an advised acceleration is shown as "hold"."""
 STOP_SHORT = 1.0
 """m before a signal's line where he stops."""
+
+
+@dataclass(frozen=True)
+class Compliance:
+    """What became of the advice, measured; all nan in a drive without any."""
+
+    followed_share: float
+    """Share of the time with advice in which it, and neither refusal nor traffic, set what was done."""
+    refused_share: float
+    """Share of the time with advice in which he did as he liked."""
+    missed_rms: float
+    """m/s2 between advised and true acceleration while it was followed, gear changes included."""
+    changes_per_minute: float
+    """How often arrow (up, hold, down) or gear of the display change: what there is to look at. See 5.1.3."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +79,8 @@ class Drive:
     costate: NDArray[np.float64]
     """Costate shown at each step (J per m/s, nan where none was)."""
     min_time_to_collision: float
-    """s, inf where nobody was ever being caught up with."""
+    """s: bumper to bumper over the speed of closing in, the least over all steps with a leader in sight who is being
+    caught up with by more than walking pace (1.4 m/s); inf where there were none."""
     limit_violations: int
     """Times the limit was exceeded by more than 3 km/h."""
     harsh_braking: int
@@ -76,6 +95,7 @@ class Drive:
     wall_s: float
     """s that it took."""
     notes: tuple[str, ...] = ()
+    compliance: Compliance = Compliance(math.nan, math.nan, math.nan, math.nan)
 
 
 @dataclass
@@ -86,6 +106,11 @@ class _Tally:
     costates: list[float] = field(default_factory=list)
     vehicles: int = 0
     advised: int = 0
+    told: int = 0
+    refused: int = 0
+    missed: float = 0.0
+    changes: int = 0
+    display: tuple[int, int] = (0, 0)
     first_advice: int | None = None
     min_ttc: float = math.inf
     over: bool = False
@@ -218,11 +243,13 @@ def _run(
             wanted = min(wanted, (float(own_cap[index]) - speed) / 0.5 if speed > cap[index] else math.inf)
             if style.dawdling and wanted > 0.0:
                 wanted -= style.dawdling * style.acceleration * dawdling.random()
-            advised_gear, coast = 0, False
+            advised_gear, coast, followed = 0, False, False
             suggestion: Suggestion | None = None
             if now >= IDLE_BEFORE and arrived_at is None:
                 view = View(now, place, speed, plant.gear, gap, leader_speed, light, _colour(state), left)
-                suggestion = obedience.hear((yield view, plant))
+                told = yield view, plant
+                suggestion = obedience.hear(told)
+                _tell(tally, told, obedience.refusing)
             if suggestion is not None:
                 if tally.first_advice is None:
                     tally.first_advice = len(tally.hashes)
@@ -231,7 +258,8 @@ def _run(
                 if speed <= cap[index]:
                     wanted = obedience.miss(suggestion.acceleration)
                 advised_gear = suggestion.gear
-                tally.advised += wanted < wish
+                followed = wanted < wish
+                tally.advised += followed
             elif style.coasts_before_stop and _stop_ahead(stopping, light, left, gap, leader_speed, style):
                 coast = speed > CRAWL + 0.3
                 wanted = min(wanted, (CRAWL - speed) / 1.5) if not coast else wanted
@@ -244,6 +272,8 @@ def _run(
             gear = gearbox.gear(plant, force, wish, PERIOD, advised_gear)
             plant.advance(force, gear, PERIOD)
             traffic.step(plant.distance)
+            if followed and suggestion is not None:
+                tally.missed += (plant.acceleration - suggestion.acceleration) ** 2
             tally.costates.append(suggestion.costate if suggestion else math.nan)
             _count(tally, traffic, plant, float(limit[index]), gap, leader_speed, signal_before)
             signal_before = (light - (plant.distance - place), state)
@@ -270,6 +300,28 @@ def _run(
         simulated_s=simulated,
         wall_s=time.perf_counter() - began,
         notes=network.notes,
+        compliance=_compliance(tally),
+    )
+
+
+def _tell(tally: _Tally, told: Suggestion | None, refusing: bool) -> None:
+    if told is None:
+        return
+    arrow = 0 if abs(told.acceleration) <= STEADY and not told.coast else 1 if told.acceleration > 0.0 else -1
+    tally.changes += tally.told > 0 and (arrow, told.gear) != tally.display
+    tally.display = arrow, told.gear
+    tally.told += 1
+    tally.refused += refusing
+
+
+def _compliance(tally: _Tally) -> Compliance:
+    if not tally.told:
+        return Drive.compliance
+    return Compliance(
+        followed_share=tally.advised / tally.told,
+        refused_share=tally.refused / tally.told,
+        missed_rms=math.sqrt(tally.missed / tally.advised) if tally.advised else math.nan,
+        changes_per_minute=tally.changes / (tally.told * PERIOD / 60.0),
     )
 
 
@@ -331,7 +383,7 @@ def _count(
     tally.hashes.append(traffic.state_hash())
     tally.vehicles += traffic.vehicles()
     closing = plant.speed - leader_speed
-    if gap < math.inf and closing > 0.1:
+    if gap < math.inf and closing > WALKING:
         tally.min_ttc = min(tally.min_ttc, (gap + 2.0) / closing)
     over = plant.speed > limit + OVER_LIMIT
     tally.violations += over and not tally.over
@@ -358,7 +410,7 @@ class _Obedience:
         # Refusal comes in spells of 12 s on average.
         self._end_spell = PERIOD / 12.0
         self._begin_spell = self._end_spell * refusal / max(1.0 - refusal, 1e-9)
-        self._refusing = False
+        self.refusing = False
         self._miss = 0.0
         self._last = 0.0
 
@@ -367,8 +419,8 @@ class _Obedience:
         self._late.append(suggestion)
         heard = self._late.popleft()
         chance = self._rng.random()
-        self._refusing = chance >= self._end_spell if self._refusing else chance < self._begin_spell
-        return None if self._refusing else heard
+        self.refusing = chance >= self._end_spell if self.refusing else chance < self._begin_spell
+        return None if self.refusing else heard
 
     def miss(self, acceleration: float) -> float:
         """Return what he makes of an advised acceleration (m/s2): correlated error over 2 s."""

@@ -68,6 +68,8 @@ class Foot:
 
     LOAD_LAG = 0.4
     """s: he feels the road's pull through the seat, not at once."""
+    BACK = -0.5
+    """Times the overrun force (negative): the push that brings a lifted foot back on the pedal."""
 
     def __init__(self, car: Car, reaction_time: float, pedal_step: float, period: float) -> None:
         self._mass = car.accelerated_mass
@@ -78,6 +80,7 @@ class Foot:
         self._gain = period / self.LOAD_LAG
         self._load = 0.0
         self._pedal = 0.0
+        self._lifted = False
 
     def force(self, wish: float, plant: Plant, *, coast: bool = False) -> float:
         """Return the force wanted at the wheels (N) for `wish` (m/s2); `coast`: foot off, only the brake may help."""
@@ -87,10 +90,12 @@ class Foot:
         mass = self._mass + self._inertia * self._ratios[plant.gear] ** 2
         force = mass * acceleration + self._load
         overrun = plant.overrun_force()
-        # Who wants about what the engine's drag gives takes his foot off: the fuel is cut.
-        if coast or 1.25 * overrun < force < 0.5 * overrun:
-            self._pedal = 0.0
+        # Who wants about what the engine's drag gives takes his foot off: the fuel is cut. It comes back only for a
+        # push, not for a little less drag: else foot and drag chase each other.
+        if coast or 1.25 * overrun < force < (self.BACK * overrun if self._lifted else 0.5 * overrun):
+            self._pedal, self._lifted = 0.0, True
             return min(force, overrun) if coast else overrun
+        self._lifted = force <= overrun
         if force <= 0.0 or self._step == 0.0:
             self._pedal = 0.0
             return force

@@ -29,7 +29,7 @@ FORESIGHT = 20.0
 HORIZON = (250.0, 600.0)
 """m that it holds at least and at most: what it takes to stop, or to reach a limit."""
 SHORTEST = 30.0
-"""m: nearer ends are left to the driver and the whole road's policy."""
+"""m: nearer ends are left to the driver."""
 REACH = 200.0
 """m within which a leader counts."""
 WAITED_OFF = 0.25
@@ -60,6 +60,7 @@ class RecedingHorizon:
         )  # fmt: skip
         self._plan = self._whole
         self._due = -math.inf
+        self._silent = False
         self._leader: tuple[float, float] = (-math.inf, math.nan)
 
     def advise(self, view: View) -> Suggestion | None:
@@ -69,6 +70,8 @@ class RecedingHorizon:
         if view.time >= self._due - 1e-9:
             self._plan = self._replanned(view)
             self._due = view.time + PERIOD
+        if self._silent:
+            return None
         plan = self._plan
         acceleration, gear, costate = plan.action(view.distance, view.speed)
         k = int(np.clip(np.searchsorted(plan.s, view.distance, side="right") - 1, 0, len(plan.s) - 1))
@@ -80,6 +83,8 @@ class RecedingHorizon:
         """The plan from here, or the whole road's where there is nothing left to plan or no way to do it."""
         assert self._whole is not None, "reset comes first"
         reach, end_speed, waiting = self._obstacle(view)
+        # The last metres to a line or a standing car are the driver's.
+        self._silent = waiting and reach < SHORTEST
         price = self.context.time_value
         if waiting:
             price = max(WAITED_OFF * price - self.context.fuel_map.idle_power, 0.0)

@@ -63,10 +63,10 @@ def test_highway_car_is_the_plant() -> None:
 @pytest.mark.parametrize(
     "program",
     [
-        'import gymnasium; gymnasium.spec("rollingroad:rollingroad/EcoDrive-v0")',
+        'import gymnasium; gymnasium.make("rollingroad:rollingroad/HighwayEco-v0")',
         'import rollingroad, sys; assert "gymnasium" not in sys.modules and "numpy" not in sys.modules',
         'import rollingroad, gymnasium; gymnasium.spec("rollingroad/HighwayEco-v0")',
-        'import rollingroad, gymnasium; gymnasium.spec("rollingroad:rollingroad/EcoDrive-v0")',
+        'import rollingroad, gymnasium; gymnasium.spec("rollingroad/EcoDrive-v0")',
     ],
 )
 def test_environments_are_registered_whatever_is_imported_first_and_cost_nothing_before(program: str) -> None:

@@ -1,0 +1,79 @@
+"""The advisors that ship: made by name, sent to other processes, and each says what its idea implies."""
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from controller.advice import RoadAhead
+from sim import advisors
+from sim.advisor import Context, View
+from sim.truth import true_fuel_map
+from vehicle_model.car.errors import BadInput
+from vehicle_model.car.parameters import Car
+
+
+@pytest.fixture(scope="module")
+def context(car: Car) -> Context:
+    """2 km flat at 50 km/h, 30 km/h from 1,200 m on."""
+    s = np.arange(0.0, 2000.0, 5.0)
+    limit = np.where(s < 1200.0, 50.0, 30.0) / 3.6
+    return Context(RoadAhead(s, 0.0 * s, limit, 0.0 * s), true_fuel_map(car), car)
+
+
+def view(**changes: float | str) -> View:
+    return replace(View(60.0, 500.0, 13.5, 5, np.inf, np.nan, np.inf, "", 1490.0), **changes)
+
+
+@pytest.mark.parametrize("name", list(advisors.ADVISORS))
+def test_every_advisor_survives_the_way_to_another_process_and_is_silent_at_first(name: str, context: Context) -> None:
+    advisor = pickle.loads(pickle.dumps(advisors.make(name, context)))
+    advisor.reset()
+    assert advisor.advise(view(distance=20.0)) is None
+
+
+def test_an_unknown_name_is_refused_with_the_names_there_are(context: Context) -> None:
+    with pytest.raises(BadInput, match="pontryagin, acceleration, glide, coach, oracle"):
+        advisors.make("magic", context)
+
+
+@pytest.mark.parametrize("name", ["pontryagin", "coach", "glide"])
+def test_nobody_is_told_to_accelerate_towards_a_red_light(name: str, context: Context) -> None:
+    advisor = advisors.make(name, context)
+    advisor.reset()
+    for distance in (140.0, 100.0, 60.0):
+        told = advisor.advise(view(signal_distance=distance, signal_state="red", time=100.0 + distance))
+        assert told is None or told.acceleration < 0.05
+
+
+def test_the_receding_horizon_lifts_off_for_a_slower_leader_and_not_for_a_faster_one(context: Context) -> None:
+    advisor = advisors.make("pontryagin", context)
+    advisor.reset()
+    slower = advisor.advise(view(leader_gap=70.0, leader_speed=7.0))
+    advisor.reset()
+    free = advisor.advise(view())
+    advisor.reset()
+    faster = advisor.advise(view(leader_gap=70.0, leader_speed=16.0))
+    assert slower is not None and free is not None and faster is not None
+    assert slower.acceleration < -0.2 and slower.acceleration < free.acceleration - 0.2
+    assert faster == free
+
+
+def test_the_receding_horizon_slows_down_ahead_of_the_lower_limit_and_its_costate_is_positive(context: Context) -> None:
+    advisor = advisors.make("pontryagin", context)
+    advisor.reset()
+    told = advisor.advise(view(distance=1150.0, destination_distance=840.0))
+    assert told is not None and told.acceleration < -0.3
+    cruising = advisor.advise(view(distance=300.0, speed=11.0, time=90.0, destination_distance=1690.0))
+    assert cruising is not None and cruising.costate > 0.0
+
+
+def test_dearer_time_asks_for_a_stronger_launch(context: Context) -> None:
+    told = []
+    for price in (1_000.0, 60_000.0):
+        advisor = advisors.make("acceleration", replace(context, time_value=price))
+        advisor.reset()
+        told.append(advisor.advise(view(distance=100.0, speed=8.0, gear=2)))
+    assert told[0] is not None and told[1] is not None
+    assert told[1].acceleration >= told[0].acceleration > 0.5

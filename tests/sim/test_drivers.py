@@ -1,0 +1,34 @@
+"""The foot rests; the baseline drivers are the ones that are frozen in writing."""
+
+import numpy as np
+import pytest
+
+from sim.drivers import Foot
+from sim.envs.highway_eco import level_road
+from vehicle_model.car.parameters import Car
+from vehicle_model.plant.session import Plant
+
+
+@pytest.mark.parametrize("around", [0.5, 0.8, 1.0])
+def test_a_foot_does_not_dance_on_the_pedal_where_the_engines_drag_is_about_what_is_wanted(
+    car: Car, around: float
+) -> None:
+    """Given a wish that wavers by 0.1 m/s2 around a share of the engine's drag, when rolling for 12 s, then the foot is
+    not on and off the pedal again and again (a limit cycle of foot, drag and fuel cut)."""
+    plant = Plant(car, level_road(30.0), None, 25.0, 5)
+    foot = Foot(car, 0.4, 0.02, 0.1)
+    fuel = []
+    for k in range(120):
+        drag = (around * plant.overrun_force() - plant.road_load) / car.accelerated_mass
+        force = foot.force(drag + 0.1 * np.sin(k * 2.1), plant)
+        plant.advance(force, 5, 0.1)
+        fuel.append(plant.fuel_power > 0.0)
+    assert np.count_nonzero(np.diff(fuel[10:])) <= 2
+
+
+def test_a_lifted_foot_comes_back_for_a_push(car: Car) -> None:
+    plant = Plant(car, level_road(30.0), None, 20.0, 5)
+    foot = Foot(car, 0.0, 0.02, 0.1)
+    for _ in range(20):
+        foot.force(0.0, plant, coast=True)
+    assert foot.force(0.5, plant) > 0.5 * car.accelerated_mass * 0.5
