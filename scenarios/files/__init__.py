@@ -1,5 +1,6 @@
 """Scenario files: finding, reading, checking."""
 
+import os
 import tomllib
 from importlib import resources
 from pathlib import Path
@@ -11,6 +12,8 @@ from vehicle_model.car.errors import BadInput
 
 FOLDER = Path(str(resources.files(__package__)))
 ROADS = FOLDER.parent / "roads"
+CITIES = ("luxembourg", "monaco")
+"""Scenarios on real roads; their extracts do not ship."""
 
 
 def names() -> list[str]:
@@ -18,9 +21,25 @@ def names() -> list[str]:
     return sorted(path.stem for path in FOLDER.glob("*.toml"))
 
 
+def city_extract(city: str) -> Path:
+    """The extract <city>/network.osm in the folder that ROLLINGROAD_ROADS names. Raises BadInput: why it is skipped."""
+    folder = os.environ.get("ROLLINGROAD_ROADS")
+    if not folder:
+        raise BadInput(city, "", "skipped: no extract (give --osm, or set ROLLINGROAD_ROADS)")
+    extract = Path(folder) / city / "network.osm"
+    if not extract.is_file():
+        raise BadInput(city, "", f"skipped: no extract {extract} (ROLLINGROAD_ROADS)")
+    return extract
+
+
 def load(name_or_path: str | Path) -> Scenario:
-    """Load a shipped scenario by name, or a file. Raises BadInput naming file, key and what was expected."""
+    """Load a shipped scenario or a city by name, or a file.
+
+    Raises BadInput naming file, key and what was expected; for a city whose extract is not at hand, the reason.
+    """
     text = str(name_or_path)
+    if text in CITIES and not Path(text).is_file():
+        return from_osm(city_extract(text))
     path = FOLDER / f"{text}.toml"
     if not path.is_file():
         path = Path(text)

@@ -106,3 +106,19 @@ def test_driver_and_traffic_rows_of_the_catalogue_are_neutral_by_default() -> No
     for effect in EFFECTS:
         for parameter in effect.parameters:
             assert parameter.low <= parameter.neutral <= parameter.high
+
+
+def test_a_city_is_skipped_with_the_reason_until_its_extract_is_at_hand(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("ROLLINGROAD_ROADS", raising=False)
+    with pytest.raises(BadInput, match="skipped: no extract"):
+        files.load("monaco")
+    monkeypatch.setenv("ROLLINGROAD_ROADS", str(tmp_path))
+    with pytest.raises(BadInput, match="skipped: no extract .*monaco"):
+        files.load("monaco")
+    (tmp_path / "monaco").mkdir()
+    (tmp_path / "monaco" / "network.osm").write_text("<osm/>")
+    city = files.load("monaco")
+    assert city.name == "monaco" and city.road.osm == str(tmp_path / "monaco" / "network.osm")
+    assert "monaco" not in files.names(), "a city belongs to no list of what ships"

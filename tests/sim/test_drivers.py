@@ -1,9 +1,12 @@
 """The foot rests; the baseline drivers are the ones that are frozen in writing."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from sim.drivers import Foot
+import scenarios
+from sim.drivers import STYLES, Foot
 from sim.envs.highway_eco import level_road
 from vehicle_model.car.parameters import Car
 from vehicle_model.plant.session import Plant
@@ -32,3 +35,21 @@ def test_a_lifted_foot_comes_back_for_a_push(car: Car) -> None:
     for _ in range(20):
         foot.force(0.0, plant, coast=True)
     assert foot.force(0.5, plant) > 0.5 * car.accelerated_mass * 0.5
+
+
+def test_the_baseline_drivers_are_those_that_are_frozen_in_writing() -> None:
+    """The table of scenarios/drivers.md, row by row, against what drives."""
+    text = (Path(scenarios.__file__).parent / "drivers.md").read_text()
+    rows = [
+        [cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line.startswith("| `")
+    ]
+    assert {row[0].strip("`") for row in rows} == set(STYLES)
+    for kind, model, launch, braking, headway, shifts, _ in rows:
+        style = STYLES[kind.strip("`")]
+        assert (style.model, f"{style.acceleration}", f"{style.deceleration}", f"{style.headway}") == (
+            model, launch, braking, headway,
+        )  # fmt: skip
+        assert style.cheapest_gear == (shifts == "cheapest gear")
+        if not style.cheapest_gear:
+            assert shifts == f"{style.upshift:.2f} / {style.downshift:.2f}"
+    assert STYLES["good"].coasts_before_stop == 150.0 and STYLES["krauss"].dawdling == 0.5
