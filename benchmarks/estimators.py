@@ -1,9 +1,8 @@
-"""How fast the static prior estimator runs beside algorithm 1 in plain Python. By hand: `python -m benchmarks.estimators`."""
+"""The static prior estimator beside algorithm 1 in plain Python. By hand: `python -m benchmarks.estimators`."""
 
 import math
 from collections.abc import Callable
 
-import numpy as np
 
 from benchmarks.timing import Row, least, row
 from observer.priors import GaussianPrior, StaticPriorEstimator, Weighting

@@ -115,8 +115,8 @@ Made by `python docs/priors.py`: {RUNS} runs, 100 samples after 100 to settle, s
 prior is N(15, 1) with floor 0.1, noise 1, the weighting the negative exponential with w(1) = 0.9.
 
 What print leaves open, and what was taken: "near" is 16 (the bias that the printed RMSE and variance leave, 0.385, is
-what the estimator has there), "far" is 20; the particles' drift is {DRIFT} a sample (which gives the printed share of the
-low-pass filter's variance). The printed values come from one run; where all three
+what the estimator has there), "far" is 20; the particles' drift is {DRIFT} a sample (which gives the printed share of
+the low-pass filter's variance). The printed values come from one run; where all three
 variances near the prior exceed ours together, the window seems to hold the end of a step.
 
 ## Table 4.1

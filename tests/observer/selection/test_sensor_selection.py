@@ -1,4 +1,6 @@
-"""Sensor selection: the semidefinite programme against the Kalman filter, choices against brute force, the car's list."""
+"""Sensor selection: the programme against the Kalman filter, choices against brute force, the car's list."""
+
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -60,7 +62,7 @@ def test_more_penalty_means_fewer_sensors_down_to_none():
 def test_every_further_sensor_lowers_the_norm():
     s = system(3)
     norms = [kalman_h2(s, range(k))[0] for k in range(6)]
-    assert all(a >= b - 1e-9 for a, b in zip(norms, norms[1:], strict=False))
+    assert all(a >= b - 1e-9 for a, b in pairwise(norms))
 
 
 def test_a_system_that_a_set_cannot_observe_has_no_finite_norm():
@@ -79,7 +81,7 @@ def test_choices_are_never_better_than_brute_force_and_as_good_on_these(seed):
 
 
 def test_brute_force_refuses_more_than_ten_sensors():
-    with pytest.raises(ValueError, match="ten|10"):
+    with pytest.raises(ValueError, match="at most 10"):
         brute_force([system(0, m=11)])
 
 
