@@ -34,6 +34,8 @@ REACH = 200.0
 """m within which a leader counts."""
 WAITED_OFF = 0.25
 """Share of the price of time that holds where the time gained would be waited off; less what idling there burns."""
+CATCH_UP = 1.5
+"""s within which the speed of a leader close by is taken on."""
 KEPT = 0.3
 """Share of the kinetic energy at a red signal's line that counts: it may turn green in time."""
 ROLLING = 60.0
@@ -61,6 +63,7 @@ class RecedingHorizon:
         self._plan = self._whole
         self._due = -math.inf
         self._silent = False
+        self._pace = math.inf
         self._leader: tuple[float, float] = (-math.inf, math.nan)
 
     def advise(self, view: View) -> Suggestion | None:
@@ -74,6 +77,7 @@ class RecedingHorizon:
             return None
         plan = self._plan
         acceleration, gear, costate = plan.action(view.distance, view.speed)
+        acceleration = min(acceleration, (self._pace - view.speed) / CATCH_UP)
         k = int(np.clip(np.searchsorted(plan.s, view.distance, side="right") - 1, 0, len(plan.s) - 1))
         near = abs(plan.speed[k] - view.speed) < 1.0
         rolls = near and bool(plan.coasting[k]) and plan.brake_force[k] < ROLLING and acceleration < 0.0
@@ -83,8 +87,9 @@ class RecedingHorizon:
         """The plan from here, or the whole road's where there is nothing left to plan or no way to do it."""
         assert self._whole is not None, "reset comes first"
         reach, end_speed, waiting = self._obstacle(view)
-        # The last metres to a line or a standing car are the driver's.
-        self._silent = waiting and reach < SHORTEST
+        # The last metres to a line or a standing car are the driver's; behind a moving one, his speed is held.
+        self._silent = waiting and end_speed is None and reach < SHORTEST
+        self._pace = end_speed if end_speed is not None and reach < SHORTEST else math.inf
         price = self.context.time_value
         if waiting:
             price = max(WAITED_OFF * price - self.context.fuel_map.idle_power, 0.0)

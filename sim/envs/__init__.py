@@ -1,10 +1,10 @@
 """Gymnasium environments: eco-driving in SUMO's traffic and on highway-env's road."""
 
-import gymnasium
-
 
 def register() -> None:
     """Register `rollingroad/EcoDrive-v0` and `rollingroad/HighwayEco-v0`; harmless when repeated."""
+    import gymnasium  # here: importing it may itself lead here (see rollingroad/__init__.py)
+
     for name, entry in (
         ("rollingroad/EcoDrive-v0", "sim.envs.eco_drive:EcoDrive"),
         ("rollingroad/HighwayEco-v0", "sim.envs.highway_eco:HighwayEco"),

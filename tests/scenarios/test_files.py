@@ -115,7 +115,7 @@ def test_a_city_is_skipped_with_the_reason_until_its_extract_is_at_hand(
     with pytest.raises(BadInput, match="skipped: no extract"):
         files.load("monaco")
     monkeypatch.setenv("ROLLINGROAD_ROADS", str(tmp_path))
-    with pytest.raises(BadInput, match="skipped: no extract .*monaco"):
+    with pytest.raises(BadInput, match=r"skipped: no extract .*monaco"):
         files.load("monaco")
     (tmp_path / "monaco").mkdir()
     (tmp_path / "monaco" / "network.osm").write_text("<osm/>")
