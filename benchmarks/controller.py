@@ -15,7 +15,7 @@ from controller.advice import RoadAhead
 from controller.controller_model import THESIS
 from controller.direct import solve_phases
 from controller.problem import acceleration_problem
-from controller.route import _Problem, plan_route_in_time
+from controller.route import _Problem, plan_route, plan_route_in_time
 from observer.efficiency_map import FuelMap
 from vehicle_model.car.parameters import Car, Engine, Injector
 
@@ -106,7 +106,10 @@ def dp_sweep_5km(repeats: int = 15) -> list[Row]:
 
 
 def route_50km(repeats: int = 3) -> list[Row]:
-    """50 km with slopes and limits in a given time; reference: IPOPT on 50 km of hills, one gear, one time value."""
+    """50 km with slopes and limits in a given time; reference: IPOPT on 50 km of hills, one gear, one time value.
+
+    Second row: like for like, both on those hills with that one gear and time value.
+    """
     road, fuel_map, car = _road(50_000.0), _willans(), _car()
 
     def plan() -> None:
@@ -116,7 +119,21 @@ def route_50km(repeats: int = 3) -> list[Row]:
     value = _least(plan, repeats)
     hills = hill_road.HillRoad(length=50_000.0)
     reference = _least(lambda: hill_road.direct(hills, intervals=2500), 1)
-    return [_row("route_50km", value, "s", "IPOPT, one gear, time value given", reference)]
+    same_car, same_map = hill_road.car_and_map(hills)
+    s = np.arange(0.0, hills.length + 1.0, 10.0)
+    slope = hills.grade * np.sin(2.0 * np.pi * s / hills.wave)
+    same_road = RoadAhead(s, slope, np.full_like(s, 40.0), np.zeros_like(s))
+
+    def same() -> None:
+        plan_route(
+            same_road, same_map, same_car, start_speed=hills.speed, end_speed=hills.speed, time_value=hills.time_value
+        )
+
+    same()
+    return [
+        _row("route_50km", value, "s", "IPOPT, one gear, time value given", reference),
+        _row("route_50km", _least(same, repeats), "s", "IPOPT, the same one-gear problem", reference),
+    ]
 
 
 def _road(length: float) -> RoadAhead:

@@ -45,16 +45,30 @@ class Path:
     """Cost to go at the start, J."""
 
 
+def swings(stages: Stages, path: Path, energy_step: float) -> int:
+    """Driven stages after which the acceleration changes sign from more than 0.25 m/s2 to less than -0.25, or back.
+
+    A change between neighbouring energies of the grid (`energy_step`, m2/s2) does not count: those lie on both sides of
+    a steady speed.
+    """
+    acceleration = np.diff(path.energy) / stages.ds
+    least = np.maximum(0.25, 1.5 * energy_step / stages.ds[1:])
+    strong = np.minimum(np.abs(acceleration[1:]), np.abs(acceleration[:-1])) > least
+    driven = (path.gear[1:] > 0) & (path.gear[:-1] > 0)
+    return int(np.count_nonzero(driven & strong & (acceleration[1:] * acceleration[:-1] < 0.0)))
+
+
 def certify_plan(
     table: DriveTable, stages: Stages, path: Path, drag: float, time_value: float, comfort: float
 ) -> dict[str, float]:
-    """Return `maximum_gap`, `costate_error`, `pulses` and `hull_gain` of a plan.
+    """Return `maximum_gap`, `costate_error`, `pulses`, `swings` and `hull_gain` of a plan.
 
     maximum_gap: mean of max H - H(own) over every gear and force within `comfort` m/s2, as a share of the running
     cost; costate_error: median mismatch of the costate equation over one stage, as a share of the costate; both where
     neither a speed limit nor the lowest engine speed of the gear is touched (there the costate may jump);
-    pulses: returns from rolling to driving; hull_gain: share of fuel per metre by which the lower convex hull over
-    force, all gears and rolling together, lies under the plan's driving: what pulse and glide would be rewarded with.
+    pulses: returns from rolling to driving; swings: those of `swings`, the throttle open; hull_gain: share of fuel per
+    metre by which the lower convex hull over force, all gears and rolling together, lies under the plan's driving:
+    what pulse and glide would be rewarded with.
     """
     k = np.arange(len(stages.ds))
     middle = 0.5 * (path.energy[1:] + path.energy[:-1])
@@ -96,6 +110,7 @@ def certify_plan(
         "maximum_gap": float(np.mean(gap[inside]) / np.mean(running)) if inside.any() else 0.0,
         "costate_error": error,
         "pulses": float(np.count_nonzero((path.gear[:-1] == 0) & (path.gear[1:] > 0) & (path.energy[1:-1] > 25.0))),
+        "swings": float(swings(stages, path, table.energy_step)),
         "hull_gain": float(np.mean(gains)) if gains else 0.0,
         "stages": float(len(k)),
     }

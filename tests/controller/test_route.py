@@ -152,4 +152,6 @@ def test_a_dented_map_is_reported_as_rewarding_pulses(smart, willans):
     calm = plan_route(road, willans, smart, start_speed=18.0, end_speed=18.0, time_value=12e3)
     tempting = plan_route(road, dented, smart, start_speed=18.0, end_speed=18.0, time_value=12e3)
     assert calm.certificate["hull_gain"] < 0.01
+    assert calm.certificate["swings"] == 0
+    assert tempting.certificate["swings"] > 20
     assert tempting.certificate["hull_gain"] > calm.certificate["hull_gain"]
