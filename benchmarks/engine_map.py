@@ -74,7 +74,10 @@ def fuel_on(advice: Advice, table: FuelMap, car: Car) -> float:
     Between overrun and zero torque the fuel fades linearly to nothing, as in the planner's own table.
     """
     power = RegularGridInterpolator(
-        (table.engine_speed, table.torque), table.fuel_power, bounds_error=False, fill_value=None
+        (table.engine_speed, table.torque),
+        table.fuel_power,
+        bounds_error=False,
+        fill_value=None,  # type: ignore[arg-type]
     )
     seconds = np.diff(advice.time)
     speed = 0.5 * (advice.speed[1:] + advice.speed[:-1])
@@ -129,8 +132,11 @@ def main() -> None:
             omega, torque = centres(found)
             true = truth(omega, torque)
             own = np.abs(found.mean[found.valid] - true) < 1.645 * found.standard_error[found.valid]
-            best_true = float(np.max((truth_map.engine_speed[:, None] * truth_map.torque / truth_map.fuel_power)[
-                truth_map.torque[None, :] <= truth_map.torque_max[:, None]]))  # fmt: skip
+            every, load = (
+                axis.ravel() for axis in np.meshgrid(truth_map.engine_speed, np.arange(5.0, 110.0), indexing="ij")
+            )
+            can = load <= np.interp(every, truth_map.engine_speed, truth_map.torque_max)
+            best_true = float(truth(every[can], load[can]).max())
             versus = compare_with_dyno(found, fit, *steps, on_bench)
             regret = regrets(fits, found, car, road, 1.05 * trips[0].duration)
             rows.append(

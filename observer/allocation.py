@@ -94,7 +94,7 @@ def _robust_fit(rows: NDArray, torque: NDArray, sigma: NDArray) -> tuple[NDArray
         coefficients = np.linalg.solve(weighted.T @ weighted + ridge, weighted.T @ (torque[keep] / sigma[keep]))
         off = np.abs(torque - rows @ coefficients) / sigma
         keep = off < OUTLIER * max(1.0, 1.48 * float(np.median(off[keep])))
-    return coefficients, keep
+    return np.asarray(coefficients, float), np.asarray(keep, bool)
 
 
 def _rows(omega: NDArray, fuel: NDArray, car: Car) -> NDArray[np.float64]:

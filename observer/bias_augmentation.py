@@ -102,7 +102,8 @@ def from_measurements(next_states: NDArray, predicted: NDArray, transition: NDAr
     `transition` F_t (k, n, n). Needs a C of full column rank (every state measured) and little noise.
     """
     eye = np.eye(next_states.shape[1])
-    return np.linalg.solve(eye - transition, (next_states - predicted)[..., None])[..., 0].T
+    biases = np.linalg.solve(eye - transition, (next_states - predicted)[..., None])[..., 0].T
+    return np.asarray(biases, float)
 
 
 def residual_gain(C: NDArray, F: NDArray, K: NDArray) -> NDArray[np.float64]:
@@ -111,7 +112,8 @@ def residual_gain(C: NDArray, F: NDArray, K: NDArray) -> NDArray[np.float64]:
     G = C (I - F + K C F)^-1 (I - K C) (I - F). G v = 0 for every v in Ker C: what is not measured is not seen.
     """
     eye = np.eye(len(F))
-    return C @ np.linalg.solve(eye - F + K @ C @ F, (eye - K @ C) @ (eye - F))
+    gain = C @ np.linalg.solve(eye - F + K @ C @ F, (eye - K @ C) @ (eye - F))
+    return np.asarray(gain, float)
 
 
 def from_residuals(residuals: NDArray, gains: NDArray) -> NDArray[np.float64]:

@@ -74,7 +74,7 @@ def trip_car(estimate: Estimate, car: Car, fit: Fit, *, smoothed: bool = True) -
         variance = FORCE_ERROR**2 + float(np.mean(points.variance[block] * (points.fuel_power[block] / v) ** 2))
         information += np.outer(row, row) / variance
         right += row * difference / variance
-    covariance = np.linalg.inv(information)
+    covariance = np.asarray(np.linalg.inv(information), float)
     distance = float(np.sum(np.maximum(speed, 0.0)) * points.step)
     return TripCar(covariance @ right, covariance, wheel_radius_change(points, speed, car), distance)
 

@@ -107,7 +107,7 @@ def full_throttle(trip: OperatingPoints, car: Car) -> NDArray[np.bool_]:
     change = maximum_filter1d(per_turn, window) - minimum_filter1d(per_turn, window)
     flat = change < FLATNESS * np.maximum(per_turn, 1e-3)
     high = trip.torque > FULL_THROTTLE_SHARE * declared_torque(trip.engine_speed, car)
-    return trip.firing & flat & minimum_filter1d(high, window)
+    return trip.firing & flat & np.asarray(minimum_filter1d(high, window), bool)
 
 
 def _idle(estimates: Sequence[Estimate], car: Car, *, smoothed: bool) -> tuple[float, float]:
@@ -117,7 +117,7 @@ def _idle(estimates: Sequence[Estimate], car: Car, *, smoothed: bool) -> tuple[f
         speed = estimate.column("speed", smoothed=smoothed)
         turning = estimate.column("engine_speed", smoothed=smoothed)
         still = (np.abs(speed) < 0.5) & (np.abs(turning / car.engine.idle_speed - 1.0) < 0.35)
-        still = minimum_filter1d(still, 11)
+        still = np.asarray(minimum_filter1d(still, 11), bool)
         power.append(estimate.column("fuel_power", smoothed=smoothed)[still])
         omega.append(turning[still])
         seconds += 0.1 * float(still.sum())

@@ -158,8 +158,8 @@ def _grid(stays: NDArray, columns: int, rows: int, fuel_total: float, limits: Li
     valid = (seconds >= MIN_SECONDS - 1e-9) & (visits >= MIN_VISITS) & (deviation <= MAX_DEVIATION)
     shape = (columns, rows)
     return EfficiencyMap(
-        engine_speed=(np.arange(columns) + 0.5) * SPEED_STEP,
-        torque=(np.arange(rows) + 0.5) * TORQUE_STEP,
+        engine_speed=np.asarray((np.arange(columns) + 0.5) * SPEED_STEP, float),
+        torque=np.asarray((np.arange(rows) + 0.5) * TORQUE_STEP, float),
         mean=mean.reshape(shape),
         deviation=deviation.reshape(shape),
         count=count.astype(np.int64).reshape(shape),

@@ -188,7 +188,7 @@ def simulate_diesel(
         actuators,
         p,
     )
-    return DieselRun(np.arange(n) * step, inputs, states, flows)
+    return DieselRun(np.asarray(np.arange(n) * step, float), inputs, states, flows)
 
 
 def diesel_rates(
