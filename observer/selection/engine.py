@@ -3,7 +3,7 @@
 The paper's 20-state model is in a supplement that nobody here has. This one follows Eriksson and Nielsen (2014), mean
 value engine modelling: orifices (isentropic nozzle), the ellipse compressor, the k sqrt(1 - Pi^K) turbine,
 speed-density cylinders, isothermal volumes, first-order actuators and sensors. Parameters were fixed before the first
-selection: sizes of a two-litre engine, the fixed areas and the turbine such that boost is 1.6 bar at the operating point.
+selection: sizes of a two-litre engine, the fixed areas and the turbine such that boost there is 1.6 bar.
 """
 
 from typing import NamedTuple
