@@ -5,15 +5,14 @@ import time
 from functools import cache
 from pathlib import Path
 
+import gymnasium
 import numpy as np
 
 from benchmarks.timing import Row, row
 from rollingroad.chain import run_chain
 from rollingroad.task import make_task
-from rollingroad.warm_up import warm_up
 from scenarios.files import load
 from sim.demand import demand
-from sim.envs.eco_drive import EcoDrive
 from sim.network import build
 from sim.traffic import Traffic
 
@@ -26,7 +25,6 @@ JOURNEY = 900.0
 
 def chain() -> list[Row]:
     """`rollingroad run mixed`, report and recording included: by default, and in one process like SUMO beside it."""
-    warm_up()
     rows = []
     for name, workers in (("SUMO alone, same traffic", None), ("SUMO alone, both in one process", 0)):
         with tempfile.TemporaryDirectory(prefix="bench-") as folder:
@@ -37,7 +35,7 @@ def chain() -> list[Row]:
 
 def eco_drive_env(repeats: int = 3) -> list[Row]:
     """`EcoDrive-v0` on `mixed`, 60 vehicles, one action a second; the five minutes after setting out."""
-    env = EcoDrive(SCENARIO)
+    env = gymnasium.make("rollingroad/EcoDrive-v0", scenario=SCENARIO).unwrapped
     action = np.array([0.6], np.float32)
     best = 0.0
     try:

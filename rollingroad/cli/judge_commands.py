@@ -14,12 +14,13 @@ Cluster = Annotated[str | None, typer.Option("--cluster", metavar="ADDRESS", hel
 @app.command()
 def bench(
     long: Annotated[bool, typer.Option("--long", help="Also fuzzing, growth exponents and the history.")] = False,
+    history: Annotated[Path, typer.Option("--history", help="With --long: a line is added.")] = Path("bench.jsonl"),
     json: Json = False,
 ) -> int:
     """The performance benchmarks, each beside its reference in the same process; under 15 minutes on two cores."""
     from rollingroad.cli.judge_tables import bench_table
     from rollingroad.cli.output import print_json, progress
-    from rollingroad.evaluation.bench import NAMES, benchmarks, measure
+    from rollingroad.evaluation.bench import NAMES, benchmarks, measure, remember
 
     known, names = benchmarks(), list(NAMES)
     if long:
@@ -28,6 +29,8 @@ def bench(
         names += [name for name in more if name not in names]
     with progress(quiet=json) as tell:
         found, skipped = measure(names, known, tell)
+    if long:
+        remember(found, history)
     print_json(found) if json else bench_table(found)
     for part in skipped:
         print(f"rollingroad: {part.name} was skipped: {part.because}", file=sys.stderr)

@@ -22,7 +22,7 @@ def bench_table(found: Mapping[str, Any]) -> None:
             row["unit"].replace("_", " "),
             row["reference"],
             f"{row['reference_value']:.4g}",
-            f"{row['ratio']:.3g}",
+            "" if row["ratio"] is None else f"{row['ratio']:.3g}",
         )
     console().print(table)
 

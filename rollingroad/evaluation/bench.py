@@ -1,9 +1,17 @@
 """The performance benchmarks: every figure beside its reference, measured in the same process."""
 
+import json
+import platform
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from importlib import import_module
+from pathlib import Path
 from typing import Any
+
+from rollingroad.evaluation.store import code_fingerprint
+from rollingroad.json_form import plain
+from rollingroad.workers import cores
 
 NAMES = (
     "observer_event",
@@ -20,7 +28,7 @@ NAMES = (
     "estimator_spe",
 )
 """What CLI.md names, in its order."""
-MODULES = ("observer", "plant", "controller", "traffic", "diagnosis", "estimators")
+MODULES = ("observer", "plant", "controller", "traffic", "diagnosis", "estimators", "growth")
 """Modules of `benchmarks` that may measure them: `BENCHMARKS`, and `LONG` for what takes long."""
 
 Measure = Callable[[], list[dict[str, Any]]]
@@ -70,3 +78,15 @@ def measure(
         except Exception as error:
             skipped.append(Skipped(name, f"{type(error).__name__}: {error}"))
     return {"benchmarks": rows}, skipped
+
+
+def remember(found: dict[str, Any], history: Path) -> None:
+    """Add a line to the `history`: when, on what machine, of which code, which figures."""
+    line = {
+        "time": datetime.now(UTC).isoformat(timespec="seconds"),
+        "machine": f"{platform.machine()}, {cores()} cores, Python {platform.python_version()}",
+        "code": code_fingerprint()[:12],
+        **found,
+    }
+    with history.open("a", encoding="utf-8") as file:
+        file.write(json.dumps(plain(line)) + "\n")

@@ -1,9 +1,12 @@
 """Given benchmarks that answer, are missing or fail, then each row has its reference and no figure is made up."""
 
+import json
+from pathlib import Path
+
 import pytest
 
 from benchmarks.timing import least, row
-from rollingroad.evaluation.bench import NAMES, Skipped, benchmarks, measure
+from rollingroad.evaluation.bench import NAMES, Skipped, benchmarks, measure, remember
 
 
 def test_a_ratio_above_one_means_faster_than_the_reference() -> None:
@@ -37,3 +40,19 @@ def test_the_fastest_run_counts() -> None:
     calls = []
     assert 0.0 <= least(lambda: calls.append(1), 3) < 1.0
     assert len(calls) == 3
+
+
+def test_the_history_grows_by_a_line_that_names_machine_and_code(tmp_path: Path) -> None:
+    history = tmp_path / "bench.jsonl"
+    for value in (1.0, 2.0):
+        remember({"benchmarks": [{"name": "plant", "value": value}]}, history)
+    first, second = (json.loads(line) for line in history.read_text().splitlines())
+    assert first["code"] == second["code"] and "cores" in first["machine"]
+    assert second["benchmarks"][0]["value"] == 2.0
+
+
+def test_the_growth_exponent_of_a_square_is_two() -> None:
+    from benchmarks.growth import exponent
+
+    sizes = [1.0, 10.0, 100.0, 1000.0]
+    assert exponent(sizes, [3.0 * size**2 for size in sizes]) == pytest.approx(2.0)
