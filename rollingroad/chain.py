@@ -11,7 +11,7 @@ from rollingroad.arrows import drive_scenario, first_prices, follow, map_found, 
 from rollingroad.folder import Stopwatch, whole_folder
 from rollingroad.products import Products, write_products
 from rollingroad.task import Task
-from rollingroad.warm_up import warm_up
+from rollingroad.warm_up import warm_up_observer, warm_up_planner
 from rollingroad.workers import executor
 from sim.network import build
 from sim.road_ahead import road_ahead
@@ -32,7 +32,8 @@ def run_chain(
         network = build(task.scenario, Path(scratch))
         tell("driving, as the baseline driver does")
         pending = pool.submit(drive_scenario, task, network)
-        warm_up()
+        pool.submit(warm_up_planner)
+        warm_up_observer()
         compiled = watch.total
         baseline = pending.result()
         watch.lap("drive")

@@ -1,13 +1,16 @@
-"""Compiling the kernels ahead of need: a minute of steady driving is sensed, observed, mapped and planned for."""
+"""Compiling the kernels ahead of need, on a minute of steady driving: two halves, for two processes."""
 
 import numpy as np
 
 from controller.advice import RoadAhead
 from controller.route import plan_route
+from observer.efficiency_map import FuelMap
 from observer.observe import observe
-from rollingroad.arrows import map_found
 from sensors.box import record
+from sensors.log import STREAMS, SensorLog
+from sensors.matching import observations
 from sensors.packets import decode
+from sensors.projection import to_geodetic
 from sensors.roadmap import from_route
 from vehicle_model.car.files import read_car
 from vehicle_model.car.route import Route
@@ -18,14 +21,43 @@ ORIGIN = (49.6, 6.1, 300.0)
 
 
 def warm_up() -> None:
-    """Compile, or load from the cache, every kernel between the card and the plan."""
+    """Both halves, one after the other."""
+    warm_up_observer()
+    warm_up_planner()
+
+
+def warm_up_observer() -> None:
+    """Compile, or load from the cache, the box, the card's reader and the observer: the longest of it."""
     car = read_car("smart")
-    trip, route = _steady_trip(), _straight_route()
-    road_map = from_route(route)
-    estimate = observe(decode(record(trip, car)), car, road_map)
+    observe(decode(record(_steady_trip(), car)), car)
+
+
+def warm_up_planner() -> None:
+    """Compile, or load from the cache, map matching and planning. For a process beside `warm_up_observer`'s."""
+    car = read_car("smart")
+    observations(_driven_log(car.metres_per_tick), from_route(_straight_route()), car.metres_per_tick)
     places = np.arange(0.0, 400.0, 20.0)
     road = RoadAhead(places, np.zeros(len(places)), np.full(len(places), 15.0), np.zeros(len(places)))
-    plan_route(road, map_found([estimate], car).fuel_map, car, start_speed=10.0, end_speed=10.0, time_value=8e3)
+    plan_route(road, _flat_map(), car, start_speed=10.0, end_speed=10.0, time_value=8e3)
+
+
+def _driven_log(metres_per_tick: float) -> SensorLog:
+    """Wheel pulses and fixes along the straight route."""
+    wheel = np.zeros(int(SPEED * DURATION / metres_per_tick), STREAMS["wheel"])
+    wheel["t"] = np.arange(len(wheel)) * metres_per_tick / SPEED
+    gps = np.zeros(int(5 * DURATION), STREAMS["gps"])
+    gps["t"] = np.arange(len(gps)) / 5.0
+    gps["latitude"], gps["longitude"] = to_geodetic(SPEED * gps["t"], np.zeros(len(gps)), ORIGIN)
+    gps["utc"], gps["quality"], gps["hdop"], gps["speed"] = gps["t"], 1, 1.0, SPEED
+    wheel["order"], gps["order"] = np.arange(len(wheel)), np.arange(len(gps))
+    return SensorLog({"wheel": wheel, "gps": gps})
+
+
+def _flat_map() -> FuelMap:
+    """Fuel power of an engine with 30 kW of losses at 500 rad/s and a third of efficiency beyond them."""
+    omega, torque = np.linspace(90.0, 640.0, 56), np.arange(0.0, 110.0, 2.0)
+    power = 60.0 * omega[:, None] + 3.0 * omega[:, None] * torque
+    return FuelMap(omega, torque, power, np.full(56, 100.0), np.full(56, -15.0), 5e3, 90.0)
 
 
 def _steady_trip() -> Trip:
