@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable
 
-
 from benchmarks.timing import Row, least, row
 from observer.priors import GaussianPrior, StaticPriorEstimator, Weighting
 from vehicle_model.car.randomness import generator
