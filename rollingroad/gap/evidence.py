@@ -404,7 +404,7 @@ def _outside(
     alone = {i: fit(r, [offset + i], sd[[i]]) for i in new}
     first = max(alone, key=lambda i: alone[i].log_bayes)
     both = {}
-    for i in candidates:
+    for i in new:  # a regressor that a named effect could stand for would bring that effect in by the back door
         if i != first:
             index = [first, int(i)]
             both[int(i)] = fit(r, [offset + n for n in index], sd[index])
