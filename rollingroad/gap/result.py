@@ -115,9 +115,9 @@ def as_json(d: "Diagnosis") -> dict[str, Any]:
 def verdict(d: "Diagnosis") -> str:
     """no_gap, named, class or outside_catalogue."""
     post = d.posterior
-    if post.none >= 0.5:
-        return "no_gap"
     known = sum(post.singles.values()) + sum(post.pairs.values())
+    if post.none >= max(known, post.outside):
+        return "no_gap"
     if post.outside >= known:
         return "outside_catalogue"
     top = max(post.singles, key=lambda e: post.singles[e], default="")
