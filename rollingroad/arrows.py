@@ -15,7 +15,7 @@ from observer.estimate import Estimate
 from observer.fit_form import Fit
 from observer.fits import default_fit, fit_all
 from observer.mapping import fuel_map, map_engine
-from rollingroad.evaluation.compare import Comparison, Consumption, compare, search_bracket
+from rollingroad.evaluation.compare import Comparison, Consumption, bracket, compare, search_bracket
 from rollingroad.task import Task
 from sensors.box import box_settings, record
 from sensors.log import SensorLog
@@ -62,6 +62,7 @@ class Followed:
 
     drives: Sequence[Drive]
     advices: Sequence[Advice]
+    costs: Sequence[Consumption]
     comparison: Comparison
 
 
@@ -176,7 +177,7 @@ def follow(
         return [consumption(advised, task.car, price) for advised, price in zip(done, prices, strict=True)]
 
     costs = search_bracket(at, cost.time, prices)
-    return Followed(drives, advices, compare(cost, costs, trip_efficiency(baseline.trip)))
+    return Followed(drives, advices, costs, compare(cost, costs, trip_efficiency(baseline.trip)))
 
 
 def assert_same_until_advice(baseline: Drive, advised: Drive) -> None:
@@ -184,3 +185,12 @@ def assert_same_until_advice(baseline: Drive, advised: Drive) -> None:
     first = len(advised.step_hashes) if advised.first_advice_step is None else advised.first_advice_step
     if not np.array_equal(baseline.step_hashes[:first], advised.step_hashes[:first]):
         raise AssertionError("the advised drive departed from the baseline's before any advice was given")
+
+
+def around(followed: Followed, otherwise: tuple[float, float]) -> tuple[float, float]:
+    """The two prices of time, W, that bracketed the baseline's time for one driver: where to begin for another."""
+    pair = bracket([cost.time for cost in followed.costs], followed.comparison.baseline.time)
+    if pair is None:
+        return otherwise
+    low, high = sorted(followed.costs[i].price for i in pair)
+    return (low, high) if high > low else otherwise

@@ -7,7 +7,7 @@ from time import perf_counter
 from typing import Any
 
 from observer.observe import observe
-from rollingroad.arrows import drive_scenario, first_prices, follow, map_found, sense
+from rollingroad.arrows import around, drive_scenario, first_prices, follow, map_found, sense
 from rollingroad.folder import Stopwatch, whole_folder
 from rollingroad.products import Products, write_products
 from rollingroad.task import Task
@@ -55,7 +55,7 @@ def run_chain(
         advised = follow(pool, task, network, baseline, road, learnt.fuel_map, prices)
         tell("driving again, as the oracle would")
         true_map = true_fuel_map(task.car, task.plant_settings)
-        oracle = follow(pool, task, network, baseline, road, true_map, prices, perfect=True)
+        oracle = follow(pool, task, network, baseline, road, true_map, around(advised, prices), perfect=True)
         watch.lap("drive")
 
         tell("writing the report and the recording")

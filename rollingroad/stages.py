@@ -13,7 +13,7 @@ from observer.estimate_files import read_estimate, write_estimate
 from observer.mapping import read as read_map
 from observer.mapping import write as write_map
 from observer.observe import observe
-from rollingroad.arrows import PLAN_STEP, drive_scenario, first_prices, follow, map_found, sense, sensed_card
+from rollingroad.arrows import PLAN_STEP, around, drive_scenario, first_prices, follow, map_found, sense, sensed_card
 from rollingroad.arrows import fitted as fit_map
 from rollingroad.folder import Stopwatch, whole_folder, write_json
 from rollingroad.products import Products, judged_map, write_products
@@ -139,7 +139,7 @@ def compare_run(
         advised = follow(pool, task, network, baseline, road, learnt.fuel_map, prices)
         tell("driving again, as the oracle would")
         true_map = true_fuel_map(task.car, task.plant_settings)
-        oracle = follow(pool, task, network, baseline, road, true_map, prices, perfect=True)
+        oracle = follow(pool, task, network, baseline, road, true_map, around(advised, prices), perfect=True)
         watch.lap("drive")
         products = Products(task, network, baseline, sensed, estimate, learnt, road, advised, oracle, observe_s)
         with whole_folder(run) as part:

@@ -83,7 +83,7 @@ def search_bracket(
     prices: tuple[float, float],
     *,
     width: float = 0.03,
-    rounds: int = 4,
+    rounds: int = 3,
 ) -> list[Consumption]:
     """Drive at prices of time until two drives bracket the trip time `target` within `width` (relative).
 
