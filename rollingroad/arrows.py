@@ -15,8 +15,9 @@ from observer.estimate import Estimate
 from observer.fit_form import Fit
 from observer.fits import default_fit, fit_all
 from observer.mapping import fuel_map, map_engine
-from rollingroad.evaluation.compare import Comparison, Consumption, bracket, compare, search_bracket
+from rollingroad.evaluation.compare import Comparison, Consumption, compare, search_bracket
 from rollingroad.task import Task
+from rollingroad.workers import Inline
 from sensors.box import box_settings, record
 from sensors.log import SensorLog
 from sensors.packets import decode
@@ -24,6 +25,8 @@ from sensors.roadmap import RoadMap, from_route
 from sim.advisor import AdviceFollower
 from sim.drive import Drive, drive
 from sim.network import Network
+from sim.road_ahead import road_ahead
+from sim.truth import true_fuel_map
 from vehicle_model.car.errors import BadInput
 from vehicle_model.car.parameters import Car
 from vehicle_model.car.trip import Trip
@@ -62,7 +65,6 @@ class Followed:
 
     drives: Sequence[Drive]
     advices: Sequence[Advice]
-    costs: Sequence[Consumption]
     comparison: Comparison
 
 
@@ -80,12 +82,12 @@ def sensed_card(task: Task, trip: Trip) -> bytes:
 def sense(task: Task, truth: Drive, card: bytes | None = None) -> Sensed:
     """The arrow `sense`: what the logger writes on its card (or wrote: `card`), and what the reader makes of it."""
     card = sensed_card(task, truth.trip) if card is None else card
-    settings = box_settings(task.scenario.sensors, task.settings)
-    return Sensed(card, decode(card), _on_board(from_route(truth.route, task.seed, settings)))
+    return Sensed(card, decode(card), road_map_on_board(task, truth))
 
 
-def _on_board(road_map: RoadMap) -> RoadMap:
-    """The map as the quad-tile files hold it: with their rounding, so that a run folder gives the same bits again."""
+def road_map_on_board(task: Task, truth: Drive) -> RoadMap:
+    """The map of the route as the quad-tile files hold it, rounding and all: a run folder gives the same bits."""
+    road_map = from_route(truth.route, task.seed, box_settings(task.scenario.sensors, task.settings))
     with tempfile.TemporaryDirectory(prefix="rollingroad-") as folder:
         road_map.write(Path(folder))
         return RoadMap.read(Path(folder))
@@ -177,7 +179,7 @@ def follow(
         return [consumption(advised, task.car, price) for advised, price in zip(done, prices, strict=True)]
 
     costs = search_bracket(at, cost.time, prices)
-    return Followed(drives, advices, costs, compare(cost, costs, trip_efficiency(baseline.trip)))
+    return Followed(drives, advices, compare(cost, costs, trip_efficiency(baseline.trip)))
 
 
 def assert_same_until_advice(baseline: Drive, advised: Drive) -> None:
@@ -187,10 +189,9 @@ def assert_same_until_advice(baseline: Drive, advised: Drive) -> None:
         raise AssertionError("the advised drive departed from the baseline's before any advice was given")
 
 
-def around(followed: Followed, otherwise: tuple[float, float]) -> tuple[float, float]:
-    """The two prices of time, W, that bracketed the baseline's time for one driver: where to begin for another."""
-    pair = bracket([cost.time for cost in followed.costs], followed.comparison.baseline.time)
-    if pair is None:
-        return otherwise
-    low, high = sorted(followed.costs[i].price for i in pair)
-    return (low, high) if high > low else otherwise
+def follow_as_oracle(task: Task, network: Network, baseline: Drive) -> Followed:
+    """`follow` on the true map with a perfect driver, all in this process: it needs nothing of what is observed."""
+    table = true_fuel_map(task.car, task.plant_settings)
+    road = road_ahead(baseline.route, road_map_on_board(task, baseline))
+    prices = first_prices(road, table, task.car, baseline.trip)
+    return follow(Inline(), task, network, baseline, road, table, prices, perfect=True)

@@ -13,7 +13,16 @@ from observer.estimate_files import read_estimate, write_estimate
 from observer.mapping import read as read_map
 from observer.mapping import write as write_map
 from observer.observe import observe
-from rollingroad.arrows import PLAN_STEP, around, drive_scenario, first_prices, follow, map_found, sense, sensed_card
+from rollingroad.arrows import (
+    PLAN_STEP,
+    drive_scenario,
+    first_prices,
+    follow,
+    follow_as_oracle,
+    map_found,
+    sense,
+    sensed_card,
+)
 from rollingroad.arrows import fitted as fit_map
 from rollingroad.folder import Stopwatch, whole_folder, write_json
 from rollingroad.products import Products, judged_map, write_products
@@ -26,7 +35,6 @@ from sim.network import build
 from sim.road_ahead import road_ahead
 from sim.route import true_route
 from sim.true_efficiency import true_efficiency
-from sim.truth import true_fuel_map
 from vehicle_model.car.errors import BadInput
 from vehicle_model.car.files import read_car, write_car
 from vehicle_model.car.trip import Trip
@@ -138,8 +146,7 @@ def compare_run(
         tell("driving again, with advice")
         advised = follow(pool, task, network, baseline, road, learnt.fuel_map, prices)
         tell("driving again, as the oracle would")
-        true_map = true_fuel_map(task.car, task.plant_settings)
-        oracle = follow(pool, task, network, baseline, road, true_map, around(advised, prices), perfect=True)
+        oracle = follow_as_oracle(task, network, baseline)
         watch.lap("drive")
         products = Products(task, network, baseline, sensed, estimate, learnt, road, advised, oracle, observe_s)
         with whole_folder(run) as part:
