@@ -194,6 +194,10 @@ def observer_stream(repeats: int = 3) -> list[Row]:
     return [_row("observer_stream", value, "x_real_time", "filterpy", reference, faster="more")]
 
 
+BENCHMARKS = {"observer_event": observer_event, "observer_stream": observer_stream}
+"""Name of `rollingroad bench` -> the function that measures it."""
+
+
 if __name__ == "__main__":
     for row in observer_event() + observer_stream():
         print(row)
