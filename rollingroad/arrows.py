@@ -123,6 +123,24 @@ def trip_efficiency(trip: Trip) -> float:
     return work / float(c["fuel_energy"][-1] - c["fuel_energy"][0])
 
 
+def plan_drive(
+    road: RoadAhead, table: FuelMap, car: Car, baseline: Trip, price: float, *, certify: bool = True
+) -> Advice:
+    """The arrow `plan`: the optimal drive from the first to the last speed of `baseline`, a second worth `price`, W."""
+    speeds = baseline.channels["speed"]
+    return plan_route(
+        road,
+        table,
+        car,
+        start_speed=float(speeds[0]),
+        end_speed=float(speeds[-1]),
+        time_value=price,
+        step=PLAN_STEP,
+        policy_step=PLAN_STEP,
+        certify=certify,
+    )
+
+
 def first_prices(road: RoadAhead, table: FuelMap, car: Car, baseline: Trip) -> tuple[float, float]:
     """Two prices of time, W: the one at which the plan takes as long as the baseline was on the move, and a high one.
 
@@ -152,24 +170,11 @@ def follow(
 ) -> Followed:
     """The arrows `plan` and `drive` again, at prices of time that bracket the baseline's trip time, then `compare`."""
     cost = consumption(baseline, task.car)
-    c = baseline.trip.channels
     drives: list[Drive] = []
     advices: list[Advice] = []
 
     def at(prices: Sequence[float]) -> list[Consumption]:
-        plans = [
-            plan_route(
-                road,
-                table,
-                task.car,
-                start_speed=float(c["speed"][0]),
-                end_speed=float(c["speed"][-1]),
-                time_value=price,
-                step=PLAN_STEP,
-                policy_step=PLAN_STEP,
-            )
-            for price in prices
-        ]
+        plans = [plan_drive(road, table, task.car, baseline.trip, price) for price in prices]
         pending = [pool.submit(drive_scenario, task, network, plan, perfect=perfect) for plan in plans]
         done = [future.result() for future in pending]
         for advised in done:

@@ -1,35 +1,31 @@
 """What lies at hand: scenarios, cars, road extracts, logs; and whether a file is what it should be."""
 
-import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from rollingroad.catalogue import check_settings
-from scenarios.files import load, names
+from scenarios.files import CITIES, city_extract, load, names
 from sensors.log import SensorLog
-from sensors.log_files import read_parquet
-from sensors.packets import read_log
+from sensors.log_files import read_any
 from vehicle_model.car.errors import BadInput
 from vehicle_model.car.files import read_car, shipped_cars
-
-CITIES = ("luxembourg", "monaco")
-"""Extracts that are test data, not part of the product."""
 
 
 def shelf() -> dict[str, Any]:
     """Scenarios with titles, cars, and the real cities with their extract or the reason why they are skipped."""
-    roads = os.environ.get("ROLLINGROAD_ROADS")
-    cities: dict[str, str] = {}
-    for city in CITIES:
-        extract = Path(roads) / city / "network.osm" if roads else None
-        found = extract is not None and extract.is_file()
-        cities[city] = str(extract) if found else "skipped: no extract (give --osm, or set ROLLINGROAD_ROADS)"
     return {
         "scenarios": {name: load(name).title for name in names()},
         "cars": shipped_cars(),
-        "cities": cities,
+        "cities": {city: _extract_or_reason(city) for city in CITIES},
     }
+
+
+def _extract_or_reason(city: str) -> str:
+    try:
+        return str(city_extract(city))
+    except BadInput as fault:
+        return fault.expected
 
 
 def check_file(path: Path) -> str | None:
@@ -55,4 +51,4 @@ def logs_in(places: Sequence[Path]) -> Iterator[SensorLog]:
         for path in files:
             if not path.is_file():
                 raise BadInput(path, "", "expected a log, but there is no such file")
-            yield read_parquet(path) if path.suffix == ".parquet" else read_log(path)
+            yield read_any(path)

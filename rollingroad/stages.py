@@ -8,18 +8,17 @@ from time import perf_counter
 from typing import Any
 
 from controller.advice_files import write_advice
-from controller.route import plan_route
 from observer.estimate_files import read_estimate, write_estimate
 from observer.mapping import read as read_map
 from observer.mapping import write as write_map
 from observer.observe import observe
 from rollingroad.arrows import (
-    PLAN_STEP,
     drive_scenario,
     first_prices,
     follow,
     follow_as_oracle,
     map_found,
+    plan_drive,
     sense,
     sensed_card,
 )
@@ -107,17 +106,7 @@ def plan_run(run: Path) -> None:
         route = true_route(build(task.scenario, Path(scratch)))
     road = road_ahead(route, RoadMap.read(run / "road"))
     price, _ = first_prices(road, table, task.car, trip)
-    speeds = trip.channels["speed"]
-    advice = plan_route(
-        road,
-        table,
-        task.car,
-        start_speed=float(speeds[0]),
-        end_speed=float(speeds[-1]),
-        time_value=price,
-        step=PLAN_STEP,
-        policy_step=PLAN_STEP,
-    )
+    advice = plan_drive(road, table, task.car, trip, price)
     write_advice(advice, run / "advice.parquet")
 
 

@@ -6,15 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from controller.route import plan_route
 from observer.observe import observe
 from rollingroad.arrows import (
-    PLAN_STEP,
     assert_same_until_advice,
     consumption,
     drive_scenario,
     first_prices,
     map_found,
+    plan_drive,
     sense,
 )
 from rollingroad.evaluation.scores import observer_scores, outage_seconds
@@ -44,18 +43,7 @@ def regression_run(scenario: str) -> dict[str, Any]:
         learnt = map_found([estimate], task.car)
         road = road_ahead(baseline.route, sensed.road_map)
         price, _ = first_prices(road, learnt.fuel_map, task.car, baseline.trip)
-        speeds = baseline.trip.channels["speed"]
-        plan = plan_route(
-            road,
-            learnt.fuel_map,
-            task.car,
-            start_speed=float(speeds[0]),
-            end_speed=float(speeds[-1]),
-            time_value=price,
-            step=PLAN_STEP,
-            policy_step=PLAN_STEP,
-            certify=False,
-        )
+        plan = plan_drive(road, learnt.fuel_map, task.car, baseline.trip, price, certify=False)
         advised = drive_scenario(task, network, plan)
     assert_same_until_advice(baseline, advised)
     cost, with_advice = consumption(baseline, task.car), consumption(advised, task.car)
