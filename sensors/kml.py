@@ -70,7 +70,7 @@ def write_track(
     cuts = np.concatenate(([0], np.flatnonzero(np.diff(shade[:-1])) + 1, [max(t.size - 1, 0)]))
     for begin, end in itertools.pairwise(cuts):
         if end > begin:
-            line = LineString([tuple(map(float, place)) for place in places[begin : end + 1]])
+            line = LineString([(float(x), float(y), float(z)) for x, y, z in places[begin : end + 1]])
             path_folder.append(_placemark(line, f"speed{shade[begin]}"))
     document.append(path_folder)
     marks = fastkml.Folder(name="trip time, s")

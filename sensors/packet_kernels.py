@@ -51,14 +51,30 @@ def _follows(data, at, stop):
 
 
 @njit(cache=True, error_model="numpy")
+def _ends_alike(data, at, end):
+    """Tell whether a packet of fixed size inside the one at `at` ends where it ends: one check byte, right for both.
+
+    Random payloads hold such a packet once in 2^30; damage that ends just before a good packet leaves such a head more
+    often. The box's own readings cannot hold one in the first 18 hours of its clock, which is their first field.
+    """
+    for other in range(at + 4, end - 8):
+        if _header(data, other) == 0 and other + 3 + data[other + 2] == end and _check(data, other):
+            return True
+    return False
+
+
+@njit(cache=True, error_model="numpy")
 def _better(data, at, end, stop):
     """Tell whether valid packets that begin inside [at + 1, end) explain the bytes better than the one at `at`.
 
     Then what begins at `at` is damage whose check came out right by accident (1 in 256), and must not swallow good
     packets: when one or several in a row reach beyond `end` and are followed by something legal, while nothing legal
-    follows `end`; and when a text, whose length can be anything, holds a whole packet (NMEA never holds 0xFF).
+    follows `end`; when a text, whose length can be anything, holds a whole packet (NMEA never holds 0xFF); and when a
+    packet inside ends in the same byte, so that `at` may be the torn head of another that was lost before it.
     """
     text = PAYLOAD[data[at + 1]] == 0
+    if not text and _ends_alike(data, at, end):
+        return True
     if not text and (end >= stop or (end + 3 <= stop and _header(data, end) == 0)):
         return False
     for other in range(at + 1, end - 1):

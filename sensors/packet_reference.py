@@ -28,6 +28,8 @@ def is_explained_better(data: bytes, at: int) -> bool:
     """Whether valid packets inside the one at `at` make it an accident (see `packet_kernels._better`)."""
     end = at + 3 + data[at + 2]
     text = int(PAYLOAD[data[at + 1]]) == 0
+    if not text and any(is_packet(data, other) and other + 3 + data[other + 2] == end for other in range(at + 1, end)):
+        return True
     if not text and (end >= len(data) or is_head(data, end)):
         return False
     for other in range(at + 1, end - 1):

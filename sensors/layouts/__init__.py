@@ -106,7 +106,7 @@ class Layout(_Strict):
     delimiter: str = Field(",", min_length=1, max_length=1)
     decimal: Literal[".", ","] = "."
     skip_rows: int = Field(0, ge=0, description="lines before the titles")
-    fuel: Fuel = Fuel()
+    fuel: Fuel = Field(default_factory=lambda: Fuel.model_validate({}))
     database: str = Field("", description="can: a DBC file; empty for the shipped one")
     stream: list[Stream] = Field(default_factory=list)
 

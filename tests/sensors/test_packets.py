@@ -146,6 +146,55 @@ def test_a_check_that_stands_in_for_a_lost_preamble_costs_neither_packet():
     assert log.damage == {"bad_preamble": 1}
 
 
+@pytest.mark.parametrize(("torn", "lost"), [(1, 4), (6, 4), (1, 5), (6, 5)])
+def test_a_torn_head_does_not_swallow_the_packet_that_ends_where_it_would_end(torn, lost):
+    """Bytes were lost just behind a head, so that a good packet's bytes are its payload, the check right for both."""
+    kind, form = (4, "<IH") if lost == 4 else (3, "<IB")
+    for ms in range(256):
+        good = packet(kind, struct.pack(form, 7_000_000 + ms, 99))
+        for junk in range(256):
+            torn_head = bytes([0xFF, torn, 11, junk, 1][:lost])
+            if packet_reference.is_packet(torn_head + good, 0):
+                break
+        else:
+            continue
+        break
+    else:
+        pytest.fail("no such pair exists")
+    before, behind = packet(3, struct.pack("<IB", 9, 1)), packet(5, struct.pack("<Ib", 10, 1))
+    log = decode(before + torn_head + good + behind)
+    assert len(log["injector" if kind == 4 else "wheel"]) == (1 if kind == 4 else 2)
+    assert len(log["skew"]) == 1
+    assert len(log["accelerometer"]) == len(log["gyroscope"]) == 0
+    assert log.damage == {"false_packet": 1, "bytes_skipped": lost}
+
+
+def test_a_packet_in_the_middle_of_a_payload_is_payload():
+    inside = packet(3, struct.pack("<IB", 1, 2))
+    outer = packet(1, inside + b"x")
+    log = decode(outer + packet(3, struct.pack("<IB", 9, 1)))
+    assert (len(log["accelerometer"]), len(log["wheel"])) == (1, 1)
+    assert log.damage == {}
+
+
+_PIECES = st.one_of(
+    st.binary(max_size=6),
+    st.sampled_from([b"\xff", b"\xff\x02", b"\xff\x01\x0b", b"\xff\x06\x0b", b"\xff\x03\x06", bytes(12)]),
+    st.builds(lambda ms, sub: packet(3, struct.pack("<IB", ms, sub)), st.integers(0, 2**32 - 1), st.integers(0, 255)),
+    st.builds(lambda body: packet(1, body), st.binary(min_size=10, max_size=10)),
+    st.builds(lambda text: packet(2, text), st.binary(min_size=1, max_size=40)),
+)
+
+
+@settings(max_examples=400, deadline=None)
+@given(pieces=st.lists(_PIECES, max_size=25), drops=st.lists(st.integers(0, 400), max_size=4))
+def test_both_readers_find_the_same_packets_in_torn_ones(pieces, drops):
+    data = bytearray(b"".join(pieces))
+    for place in drops:
+        del data[place : place + 1]
+    assert starts_of(bytes(data)) == packet_reference.scan(bytes(data))
+
+
 @settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
 @given(
     flips=st.lists(st.tuples(st.integers(0, 5999), st.integers(0, 255)), max_size=12),
