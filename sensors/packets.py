@@ -7,7 +7,7 @@ compass that 2.3 note 5 foresees, are ours. Packets are cut into 512-byte blocks
 The reader accepts a packet when head, length and check are right and what follows looks like a packet, zeros or the
 end. After damage it searches byte by byte, so that it loses only what was damaged. One card in very many can be read in
 two ways: a packet of 14 bytes whose last 9 or 10 are a packet too. The shorter is taken, for such a head is what damage
-leaves behind (`packet_kernels._ends_alike`); the box's own readings never hold one while its clock shows under 18 hours.
+leaves behind (`packet_kernels._ends_alike`); the box's own readings never hold one in its first 18 hours.
 What the reader skipped it counts by kind:
 
 bad_preamble, unknown_type, bad_length, bad_check, false_packet (a check right by accident), zero_run (a block that
