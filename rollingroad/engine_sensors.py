@@ -41,6 +41,12 @@ class Study:
     sets: tuple[tuple[str, ...], ...]
     expected: Array
     simulated: Array
+    time: Array
+    """(n,), s."""
+    truth: Array
+    """(n,), percent burnt gas in the intake."""
+    found: Array
+    """(sets, n), percent."""
 
 
 def study(duration: float = 40.0, seed: int = 0, swing: float = 1.0) -> Study:
@@ -62,7 +68,7 @@ def study(duration: float = 40.0, seed: int = 0, swing: float = 1.0) -> Study:
     noise = np.array([ACCURACY[name] * largest[name] for name in SENSORS]) / SCALE[order]
     y = x[:, order] + noise * rng.standard_normal((len(x), 4))
     use = np.arange(len(x)) * PERIOD >= SETTLED
-    sets, expected, simulated = [], [], []
+    sets, expected, simulated, tracks = [], [], [], []
     for count in range(5):
         for chosen in combinations(range(4), count):
             norm, gain = kalman_h2(system, chosen)
@@ -72,10 +78,12 @@ def study(duration: float = 40.0, seed: int = 0, swing: float = 1.0) -> Study:
             c = system.c[rows]
             found = _observed(a, b, c, gain, x[0], both, len(rows))
             error = (found - x)[use, INTAKE_BURNT] * SCALE[INTAKE_BURNT]
+            tracks.append(100.0 * (rest + found * SCALE)[:, INTAKE_BURNT])
             sets.append(tuple(SENSORS[i] for i in rows))
             expected.append(norm * SCALE[INTAKE_BURNT] * 100.0)
             simulated.append(100.0 * float(np.sqrt(np.mean(error**2))))
-    return Study(tuple(sets), np.array(expected), np.array(simulated))
+    time, burnt = np.arange(len(x)) * PERIOD, 100.0 * truth[:, INTAKE_BURNT]
+    return Study(tuple(sets), np.array(expected), np.array(simulated), time, burnt, np.array(tracks))
 
 
 def _observed(a: Array, b: Array, c: Array, gain: Array, start: Array, both: Array, rows: int) -> Array:
