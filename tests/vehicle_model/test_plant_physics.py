@@ -260,6 +260,25 @@ def test_consumption_lies_in_the_band_of_sumos_models(name, cycle, low, high):
     assert low * scale <= per_100_km <= high * scale
 
 
+@pytest.mark.parametrize(("name", "published"), [("smart", 5.1), ("peugeot", 8.6)])
+def test_a_cold_nedc_costs_what_the_type_approval_says(name, published):
+    """Given the approval's cycle from 23 C, then the plant burns the makers' figure or up to 15 % more: real roads'
+    load and own shift points cost something, the approval's flatter."""
+    car = read_car(name)
+    trip, account = run_cycle(car, "nedc", {"cold_start.temperature": 296.15})
+    litres = account.fuel / (car.fuel.heating_value * car.fuel.density) * 1e3
+    assert published <= litres / (trip.distance[-1] / 1e5) <= 1.15 * published
+
+
+@pytest.mark.parametrize("name", ["smart", "peugeot"])
+def test_letting_the_clutch_in_does_not_make_the_car_jump(name):
+    """Given forty launches and shifts, then while the clutch slips the car is pulled no harder than when it holds."""
+    trip, _ = run_cycle(read_car(name), "wltc")
+    clutch, thrust = trip.channels["clutch"], trip.channels["thrust"]
+    first = trip.channels["gear"] == 1
+    assert np.max(thrust[first & (clutch == 0.5)]) < 1.3 * np.max(thrust[first & (clutch == 1.0)])
+
+
 CAMRY = Path(__file__).parents[3] / "shared" / "data" / "fastsim_dyno"
 
 

@@ -481,7 +481,8 @@ def step(p, x, force, gear_wanted, pitch, straightness, vertical, heading, dt):
                 through = -0.1 * through
         else:
             side = 1.0 if difference >= 0.0 else -1.0
-            pull = max(inertia * abs(difference) / 0.06, side * wanted_clutch)
+            # beyond what is wanted the foot lets it in gently: a seventh of what it can carry, else the car would jump
+            pull = max(min(inertia * abs(difference) / 0.06, 0.15 * capacity), side * wanted_clutch)
             through = side * min(max(pull, 0.0), capacity)
     else:
         through = 0.0

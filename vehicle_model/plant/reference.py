@@ -376,7 +376,7 @@ def step(
             through *= -0.1
     elif g.clutch == SLIPPING:
         side = 1.0 if difference >= 0.0 else -1.0
-        pull = max(p.inertia * abs(difference) / 0.06, side * wanted_clutch)
+        pull = max(min(p.inertia * abs(difference) / 0.06, 0.15 * p.clutch_capacity), side * wanted_clutch)
         through = side * min(max(pull, 0.0), p.clutch_capacity)
     thrust = lever * (through - loss * abs(through)) - gear_drag
     braking = min(max(thrust - force, 0.0), p.brake_limit) if force < 0.0 else 0.0

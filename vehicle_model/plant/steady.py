@@ -1,7 +1,8 @@
 """The steady plant: what a dynamometer would find. The true efficiency map that every estimate is judged by.
 
 *Torque* is at wheel level here: T = thrust x speed / engine speed, behind gearbox losses and tyre slip, before wheel
-inertia: what an observer of the car can see (seed 004, eq. 1.14 in steady driving). Warm engine.
+inertia: what an observer of the car can see (seed 004, eq. 1.14 in steady driving). Warm engine. A variator is taken at
+the ratio that its car file lists as that gear.
 """
 
 import numpy as np
