@@ -42,6 +42,7 @@ def diagnose(
 challenge = typer.Typer(help="A blind set with a sealed key, the diagnosis of it, the scores.", no_args_is_help=True)
 app.add_typer(challenge, name="challenge")
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="A set made by `challenge make`.")]
+Cluster = Annotated[str | None, typer.Option("--cluster", metavar="ADDRESS", help="An existing Dask scheduler.")]
 
 
 @challenge.command()
@@ -61,14 +62,22 @@ def make(
 
 
 @challenge.command("run")
-def run_(folder: Folder, workers: Workers = None) -> None:
-    """Diagnose every case of a set; what is done already is not done again."""
-    from rollingroad.cli.output import console
+def run_(
+    folder: Folder,
+    workers: Workers = None,
+    cluster: Cluster = None,
+    keep: Annotated[bool, typer.Option("--keep", help="Keep what `calibrate` reads.")] = False,
+) -> int:
+    """Diagnose every case of a set; what this code has done already is not done again."""
+    from rollingroad.cli.output import console, progress
     from rollingroad.gap.challenge.run import run as run_set
-    from rollingroad.workers import cores
 
-    results = run_set(folder, workers=cores() if workers is None else max(workers, 1))
+    with progress() as tell:
+        results, failed = run_set(folder, workers=workers, cluster=cluster, keep=keep, tell=tell)
     console().print(f"{len(results)} cases diagnosed in {folder}", soft_wrap=True)
+    for line in failed:
+        console().print(line, soft_wrap=True)
+    return 1 if failed else 0
 
 
 @challenge.command()

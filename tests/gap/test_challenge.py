@@ -11,6 +11,7 @@ import pytest
 import rollingroad.gap.challenge as challenge
 from rollingroad.gap.challenge import cars, effects, limits, routes, truth
 from rollingroad.gap.challenge.make import make
+from rollingroad.gap.challenge.run import run
 from rollingroad.gap.challenge.score import score
 from vehicle_model.car.errors import BadInput
 
@@ -58,23 +59,64 @@ def test_energy_of_the_drive_closes(drive) -> None:
 
 
 def test_sealed_before_and_the_same_under_the_same_seed(tmp_path: Path) -> None:
-    """Given a seed, then the hash in the manifest is the key's, and a second making gives the same bytes."""
+    """Given a seed, then a second making gives the same bytes, but another salt; the manifest's hash is the key's."""
     for name in ("a", "b"):
         make(2, 7, tmp_path / name, workers=1)
     files = sorted(p.relative_to(tmp_path / "a") for p in (tmp_path / "a").rglob("*") if p.is_file())
     assert any(f.suffix == ".dat" for f in files)
     for name in files:
-        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes(), name
-    sealed = json.loads((tmp_path / "a" / "key" / "key.json").read_text())
-    body = json.dumps(sealed["key"], sort_keys=True)
-    manifest = json.loads((tmp_path / "a" / "manifest.json").read_text())
-    assert hashlib.sha256((sealed["salt"] + body).encode()).hexdigest() == manifest["key_sha256"]
-    sealed["key"][0]["kind"] = "traffic"
-    (tmp_path / "a" / "key" / "key.json").write_text(json.dumps(sealed))
+        if name.name not in ("manifest.json", "salt"):
+            assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes(), name
+    commitments = [json.loads((tmp_path / n / "manifest.json").read_text())["key_sha256"] for n in ("a", "b")]
+    assert commitments[0] != commitments[1]
+    key = tmp_path / "a" / "key"
+    assert (key.stat().st_mode & 0o077) == 0
+    body, salt = (key / "key.json").read_text(), (key / "salt").read_text()
+    assert hashlib.sha256((salt + body).encode()).hexdigest() == commitments[0]
+    (key / "key.json").chmod(0o600)
+    (key / "key.json").write_text(body.replace("case_0000", "case_0001", 1))
     with pytest.raises(BadInput, match="committed"):
         score(tmp_path / "a")
     with pytest.raises(BadInput, match="new or empty"):
         make(1, 7, tmp_path / "a", workers=1)
+
+
+def test_a_set_is_run_without_its_key_and_taken_up_again(tmp_path: Path) -> None:
+    """Given a set whose key has been carried away, then it is diagnosed; run again, its answers come from the store."""
+    make(1, 7, tmp_path / "set", workers=1)
+    (tmp_path / "set" / "key").rename(tmp_path / "elsewhere")
+    first, failed = run(tmp_path / "set", workers=0)
+    assert not failed
+    assert first[0]["verdict"] in ("no_gap", "named", "class", "outside_catalogue")
+    answer = tmp_path / "set" / "case_0000" / "result.json"
+    answer.unlink()
+    again, _ = run(tmp_path / "set", workers=0)
+    assert again == first  # the time it took included: nothing was done again
+    assert json.loads(answer.read_text()) == first[0]
+
+
+def test_an_unknown_map_raises_the_limit(drive) -> None:
+    """Given an engine that nobody has disclosed, then an effect on its fuel must be larger to be seen than with the map
+    known, and more reference trips bring the two together."""
+    car, _, _, d = drive
+    for name in ("driveline_loss", "accessory_load", "map_drift"):
+        effect = effects.BY_ID[name]
+        known = limits.detection_limit(effect, False, 1, car, [d, d])
+        few = limits.detection_limit(effect, False, 1, car, [d, d], [d])
+        many = limits.detection_limit(effect, False, 1, car, [d, d], [d] * 6)
+        assert known < many < few
+
+
+def test_where_an_effect_is_loud(drive) -> None:
+    """Given lost fuel cut-off, idle fuel and a drag, then most of the signal lies where physics puts it."""
+    car, _, _, d = drive
+    shown = limits.bound(car, [d])
+    loud = {name: shown.regimes(effects.BY_ID[name], False, 1)[0] for name in ("fuel_cutoff", "idle_fuel", "drag_area")}
+    assert loud["fuel_cutoff"]["deceleration"] > 0.5
+    assert loud["idle_fuel"]["idle"] > 0.5
+    assert loud["drag_area"]["idle"] < 0.01
+    for shares in loud.values():
+        assert sum(shares.values()) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("name", ["drag_area", "accessory_load", "gps_lag", "wheel_radius"])

@@ -1,14 +1,16 @@
 """Make a blind set: cases as folders, the key sealed by a salted hash that is written before any log.
 
 DIR/manifest.json            seed, cases, what each case hides from the catalogue, sha256 of the key
-DIR/key/key.json             the key and its salt; `score` alone opens it
+DIR/key/key.json, salt       the key, and the salt of its hash; readable by the owner alone; only `score` opens them
 DIR/case_000/car.xml, road.osm, reference/*.dat, logs/*.dat
 """
 
 import hashlib
 import json
+import os
+import secrets
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -50,7 +52,10 @@ class Key:
     kind: str
     parts: tuple[Part, ...]
     hidden: bool
-    onset_m: float = 0.0
+    regimes: dict[str, float] = field(default_factory=dict)
+    """Where the (single) effect is loud: shares of its signal."""
+    early: float = 0.0
+    """Share of its signal in the first ten minutes of each trip."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +81,7 @@ def make(cases: int, seed: int, out: Path, *, workers: int = 2) -> dict[str, Any
     kinds = _kinds(cases, generator(seed, "kinds"))
     with ProcessPoolExecutor(workers) as pool:
         plans = list(pool.map(_plan, range(cases), kinds, [seed] * cases, chunksize=4))
-        salt = hashlib.sha256(generator(seed, "salt").bytes(32)).hexdigest()
+        salt = secrets.token_hex(32)
         body = json.dumps([asdict(plan.key) for plan in plans], sort_keys=True)
         manifest = {
             "seed": seed,
@@ -84,10 +89,21 @@ def make(cases: int, seed: int, out: Path, *, workers: int = 2) -> dict[str, Any
             "key_sha256": hashlib.sha256((salt + body).encode()).hexdigest(),
         }
         (out / "manifest.json").write_text(json.dumps(manifest, indent=1))
-        (out / "key").mkdir()
-        (out / "key" / "key.json").write_text(json.dumps({"salt": salt, "key": json.loads(body)}))
+        _seal(out / "key", body, salt)
         list(pool.map(_write, plans, [out] * cases, chunksize=2))
     return manifest
+
+
+def _seal(folder: Path, body: str, salt: str) -> None:
+    """The key, and apart from it the salt that its committed hash needs: for their owner's eyes only.
+
+    The salt comes from the system and not from the seed, so that the hash in the manifest cannot be tried against
+    guesses of the key. Who holds the seed can make the set again, key and all: keep the seed of a set for others.
+    """
+    folder.mkdir(mode=0o700)
+    for name, text in (("key.json", body), ("salt", salt)):
+        with os.fdopen(os.open(folder / name, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o400), "w") as file:
+            file.write(text)
 
 
 def _kinds(cases: int, rng: np.random.Generator) -> list[str]:
@@ -165,13 +181,18 @@ def _plan(number: int, kind: str, seed: int) -> Plan:
         _drive(case_seed, "log", i, car, _road(case_seed, "log", i, straight, traffic), Settings(), traffic)
         for i in range(logs)
     ]
+    understood = [
+        _drive(case_seed, "reference", i, car, _road(case_seed, "reference", i, False, False), Settings(), False)
+        for i in range(references)
+    ]
+    shown = limits.bound(car, drives, understood)
     strength = float(rng.choice(STRENGTHS, p=STRENGTH_SHARES))
 
     def drawn(pool: list[Effect], strength: float, other: bool) -> Part | None:
         for _ in range(40):
             effect = pool[int(rng.integers(len(pool)))]
             part_seed = int(rng.integers(2**31))
-            limit = limits.detection_limit(effect, other, part_seed, car, drives)
+            limit = shown.limit(effect, other, part_seed)
             size = strength * limit
             if 0.0 < size <= effect.largest:
                 return Part(effect.id, float(size * rng.choice(effect.signs)), float(limit), strength, other, part_seed)
@@ -221,7 +242,8 @@ def _plan(number: int, kind: str, seed: int) -> Plan:
         absent = [i for i in HIDEABLE if not any(effects.same_class(i, p.effect) for p in kept)]
         hide = (str(rng.choice(absent)),)
     label = kind if kept or kind in ("gap_free", "traffic") else "gap_free"
-    key = Key(f"case_{number:04d}", label, kept, hidden and bool(kept))
+    loud = shown.regimes(BY_ID[kept[0].effect], kept[0].other, kept[0].seed) if len(kept) == 1 else ({}, 0.0)
+    key = Key(f"case_{number:04d}", label, kept, hidden and bool(kept), *loud)
     return Plan(key, hide, case_seed, references, logs, straight, traffic)
 
 

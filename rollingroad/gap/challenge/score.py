@@ -68,14 +68,15 @@ def score(folder: Path) -> dict[str, Any]:
 def _read(folder: Path) -> list[Row]:
     try:
         manifest = json.loads((folder / "manifest.json").read_text())
-        sealed = json.loads((folder / "key" / "key.json").read_text())
+        body = (folder / "key" / "key.json").read_text()
+        salt = (folder / "key" / "salt").read_text()
+        keys = json.loads(body)
     except (OSError, ValueError) as error:
-        raise BadInput(folder, "manifest.json, key/key.json", "a set made by `challenge make`") from error
-    body = json.dumps(sealed["key"], sort_keys=True)
-    if hashlib.sha256((sealed["salt"] + body).encode()).hexdigest() != manifest["key_sha256"]:
+        raise BadInput(folder, "manifest.json, key/key.json, key/salt", "a set made by `challenge make`") from error
+    if hashlib.sha256((salt + body).encode()).hexdigest() != manifest["key_sha256"]:
         raise BadInput(folder / "key" / "key.json", "", "the key whose hash the manifest committed to")
     rows = []
-    for key in sealed["key"]:
+    for key in keys:
         path = folder / key["case"] / "result.json"
         if not path.exists():
             raise BadInput(path, "", "an answer; `challenge run` first")
@@ -219,7 +220,7 @@ def _regime_tv(r: Row) -> float:
     for w in rows:
         have[w["regime"]] = have.get(w["regime"], 0.0) + w["share"] / total
     if "first_600_s" in have:
-        return abs(1.0 - have["first_600_s"])
+        return abs(r["early"] - have["first_600_s"])
     return 0.5 * sum(abs(have.get(k, 0.0) - want.get(k, 0.0)) for k in {*have, *want})
 
 

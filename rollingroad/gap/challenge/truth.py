@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 STEP = 0.02
 """s, integration step."""
@@ -366,12 +367,9 @@ def along(
     """Fuel (W) and coasting force (N) at each sample of `drive` if the same motion were driven under `effects`."""
     p = np.array([{**NEUTRAL, **effects}[name] for name in EFFECT_FIELDS])
     c = np.array([car[name] for name in CAR_FIELDS])
-    heat = np.cumsum(drive["burnt"]) * STEP * EVERY
-    memory = np.zeros(len(heat))
-    level = 0.0
-    for i, brake in enumerate(drive["brake"]):
-        level += STEP * EVERY * (brake / 4000.0 - level / 60.0)
-        memory[i] = level
+    h = STEP * EVERY
+    heat = np.cumsum(drive["burnt"]) * h
+    memory = lfilter([h / 4000.0], [1.0, -(1.0 - h / 60.0)], drive["brake"])
     return _along(
         c, np.asarray(ratios, float), p, drive["time"], drive["s"], drive["speed"], drive["acceleration"],
         drive["gear"],
