@@ -58,6 +58,7 @@ class Driver(_Part):
     pedal_step: float = Field(0.02, ge=0.0, le=0.2, description="quantization of the pedal, share of full force")
     advice_delay: float = Field(0.8, ge=0.0, le=5.0, description="s until new advice is acted upon")
     tracking_error: float = Field(0.08, ge=0.0, le=1.0, description="m/s2 rms by which advice is missed")
+    glance: float = Field(0.6, ge=0.0, le=3.0, description="s of looking at a display that changed, foot at rest")
     refusal: float = Field(0.03, ge=0.0, le=1.0, description="share of the time in which advice is ignored")
     lateral_comfort: float = Field(2.2, ge=0.5, le=6.0, description="m/s2 sideways that he accepts in bends")
 

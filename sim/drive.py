@@ -15,6 +15,7 @@ from scenarios.effects import EFFECTS
 from scenarios.schema import Scenario
 from sim.advisor import Advisor, Suggestion, View
 from sim.demand import EGO_DEPART, demand
+from sim.display import Display
 from sim.drivers import ADVISED_ACCELERATION, STYLES, Foot, Gearbox, Style, free_acceleration
 from sim.network import Network, build
 from sim.route import edge_starts, true_route
@@ -42,10 +43,18 @@ SPEEDOMETER = 1.04
 """Displayed over true speed: ECE R39 forbids a dial to show less and allows 10 % + 4 km/h more."""
 WALKING = 1.4
 """m/s of closing in below which a time to collision says nothing: rolling up in a queue."""
-STEADY = 0.15
-"""m/s2 up to which an advised acceleration is shown as "hold"."""
+ALARMING = 1.5
+"""m/s2 of needed braking that makes him look up from the display: brake lights in the corner of the eye."""
 STOP_SHORT = 1.0
 """m before a signal's line where he stops."""
+WARNED_TIME = 3.5
+"""s to collision at which the device of an advised driver warns of the car in front."""
+WARNED_BRAKING = 1.2
+"""m/s2 by which he then brakes to stay above it, while there is room."""
+WARNED_GAIN = 1.5
+"""1/s: how soon he is back below the warning."""
+WARNED_AT_MOST = 2.5
+"""m/s2 that a warning asks for; what is more urgent than that he sees himself."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +69,8 @@ class Compliance:
     """m/s2 between advised and true acceleration while it was followed, gear changes included."""
     changes_per_minute: float
     """How often arrow (up, hold, down) or gear of the display change: what there is to look at. See 5.1.3."""
+    eyes_off_road_share: float = math.nan
+    """Share of the time with advice in which he looks at the display, his foot as it was."""
 
 
 @dataclass(frozen=True)
@@ -109,8 +120,7 @@ class _Tally:
     told: int = 0
     refused: int = 0
     missed: float = 0.0
-    changes: int = 0
-    display: tuple[int, int] = (0, 0)
+    looking: int = 0
     first_advice: int | None = None
     min_ttc: float = math.inf
     over: bool = False
@@ -217,6 +227,10 @@ def _run(
     foot = Foot(car, driver.reaction_time, driver.pedal_step, PERIOD)
     gearbox = Gearbox(car, style, plant)
     obedience = _Obedience(scenario, seed, settings, perfect)
+    display = None if perfect else Display(PERIOD)
+    glance = 0.0 if perfect else driver.glance
+    look_until, seen = -math.inf, 0
+    before = 0.0, False
     cap = speed_cap(route, driver.lateral_comfort)
     # A driver holds the limit on the dial; advice comes from a device that knows the true speed.
     own_cap = speed_cap(replace(route, speed_limit=route.speed_limit / SPEEDOMETER), driver.lateral_comfort)
@@ -248,8 +262,17 @@ def _run(
             if now >= IDLE_BEFORE and arrived_at is None:
                 view = View(now, place, speed, plant.gear, gap, leader_speed, light, _colour(state), left)
                 told = yield view, plant
+                if display is not None:
+                    told = display.show(told)
+                    if display.changes > seen:
+                        look_until, seen = now + glance, display.changes
                 suggestion = obedience.hear(told)
-                _tell(tally, told, obedience.refusing)
+                if told is not None:
+                    tally.told += 1
+                    tally.refused += obedience.refusing
+                    tally.looking += now < look_until
+            if tally.first_advice is not None or suggestion is not None:
+                wish = min(wish, _warned(speed, gap, leader_speed))
             if suggestion is not None:
                 if tally.first_advice is None:
                     tally.first_advice = len(tally.hashes)
@@ -266,6 +289,9 @@ def _run(
             if coast:
                 wanted = min(wanted, 0.0)
             wish = min(wish, wanted)
+            if now < look_until and wish > -ALARMING and speed <= cap[index]:
+                wish, coast = before
+            before = wish, coast
             if now < IDLE_BEFORE or (speed < 0.05 and wish < START):
                 wish = -1.0
             force = foot.force(wish, plant, coast=coast)
@@ -300,28 +326,19 @@ def _run(
         simulated_s=simulated,
         wall_s=time.perf_counter() - began,
         notes=network.notes,
-        compliance=_compliance(tally),
+        compliance=_compliance(tally, display),
     )
 
 
-def _tell(tally: _Tally, told: Suggestion | None, refusing: bool) -> None:
-    if told is None:
-        return
-    arrow = 0 if abs(told.acceleration) <= STEADY and not told.coast else 1 if told.acceleration > 0.0 else -1
-    tally.changes += tally.told > 0 and (arrow, told.gear) != tally.display
-    tally.display = arrow, told.gear
-    tally.told += 1
-    tally.refused += refusing
-
-
-def _compliance(tally: _Tally) -> Compliance:
+def _compliance(tally: _Tally, display: Display | None) -> Compliance:
     if not tally.told:
         return Drive.compliance
     return Compliance(
         followed_share=tally.advised / tally.told,
         refused_share=tally.refused / tally.told,
         missed_rms=math.sqrt(tally.missed / tally.advised) if tally.advised else math.nan,
-        changes_per_minute=tally.changes / (tally.told * PERIOD / 60.0),
+        changes_per_minute=display.changes / (tally.told * PERIOD / 60.0) if display is not None else math.nan,
+        eyes_off_road_share=tally.looking / tally.told,
     )
 
 
@@ -344,7 +361,7 @@ def _safe_wish(
     """The acceleration (m/s2) that SUMO's model and the junctions ahead allow at most."""
     allowed = math.inf
     if leader:
-        allowed = (traffic.follow_speed(speed, gap, leader, leader_speed) - speed) / PERIOD
+        allowed = (traffic.follow_speed(speed, gap, leader, leader_speed, style.acceleration) - speed) / PERIOD
     if stop < math.inf:
         allowed = min(allowed, (traffic.stop_speed(speed, stop - STOP_SHORT) - speed) / PERIOD)
     if left < 30.0 + speed * speed / (2.0 * 1.0):
@@ -354,6 +371,27 @@ def _safe_wish(
         if not may:
             allowed = min(allowed, _halt(speed, gap_to_line - STOP_SHORT))
     return min(allowed, traffic.planned_acceleration())
+
+
+def _warned(speed: float, gap: float, leader_speed: float) -> float:
+    """Acceleration (m/s2) that heeds the device's warning of the car in front; inf where there is nothing to warn of.
+
+    Closing in is allowed by what constant braking takes back, and near the car by `WARNED_TIME`: the parabola
+    c^2 = 2 b (d - d0) and the line c = d / tau touch at d = 2 d0, d0 = b tau^2 / 2. A beep needs no look at the
+    display: it is heeded at once, whatever becomes of the other advice.
+    """
+    if not gap < math.inf:
+        return math.inf
+    room = max(gap, 0.0) + 2.0
+    reserve = 0.5 * WARNED_BRAKING * WARNED_TIME**2
+    if room < 2.0 * reserve:
+        closing = room / WARNED_TIME
+        braking = closing / WARNED_TIME
+    else:
+        closing = math.sqrt(2.0 * WARNED_BRAKING * (room - reserve))
+        braking = WARNED_BRAKING
+    asked = WARNED_GAIN * (leader_speed + max(closing, WALKING) - speed) - braking
+    return max(asked, -WARNED_AT_MOST)
 
 
 def _halt(speed: float, room: float) -> float:

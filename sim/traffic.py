@@ -40,6 +40,7 @@ class Traffic:
         self.speed = 0.0
         self._before = 0.0
         self._commanded = 0.0
+        self._released = 0.0
 
     def __enter__(self) -> "Traffic":
         os.environ.setdefault("SUMO_HOME", sumo.SUMO_HOME)
@@ -97,10 +98,19 @@ class Traffic:
             return "", math.inf, math.nan
         return found[0], found[1], libsumo.vehicle.getSpeed(found[0])
 
-    def follow_speed(self, speed: float, gap: float, leader: str, leader_speed: float) -> float:
-        """Speed of the ego's car-following model for the next step."""
+    def follow_speed(self, speed: float, gap: float, leader: str, leader_speed: float, acceleration: float) -> float:
+        """Speed of the ego's car-following model for the next step, at his own `acceleration` (m/s2).
+
+        A driver who was told to launch harder (`release`) still follows as he always does: in the IDM a larger
+        acceleration also means to brake later.
+        """
         decel = libsumo.vehicle.getDecel(leader)
-        return libsumo.vehicle.getFollowSpeed(EGO, speed, gap, leader_speed, decel, leader)
+        if self._released:
+            libsumo.vehicle.setAccel(EGO, acceleration)
+        found = libsumo.vehicle.getFollowSpeed(EGO, speed, gap, leader_speed, decel, leader)
+        if self._released:
+            libsumo.vehicle.setAccel(EGO, self._released)
+        return found
 
     def stop_speed(self, speed: float, gap: float) -> float:
         """Speed of the model in front of a place to stop at, `gap` m ahead."""
@@ -143,7 +153,7 @@ class Traffic:
         """Whether the ego is in a collision that this step registered."""
         return any(EGO in (c.collider, c.victim) for c in libsumo.simulation.getCollisions())
 
-    @staticmethod
-    def release(acceleration: float) -> None:
-        """Let the ego's model accelerate up to `acceleration` from now on (the advised driver)."""
+    def release(self, acceleration: float) -> None:
+        """Let the ego's model accelerate up to `acceleration` (m/s2) from now on (the advised driver)."""
+        self._released = acceleration
         libsumo.vehicle.setAccel(EGO, acceleration)
