@@ -42,23 +42,36 @@ def display(
     server.serve_forever()
 
 
-@app.command(epilog="Example: rollingroad gallery --run runs/mixed-0")
+@app.command(epilog="Example: rollingroad gallery --run runs/mixed-0 --run runs/mixed-peugeot-0 --out pictures")
 def gallery(
-    out: Annotated[Path, typer.Option("--out", help="Folder for the pictures.")] = Path("gallery"),
+    out: Annotated[Path, typer.Option("--out", help="Folder for the page and the pictures.")] = Path("gallery"),
     run: Annotated[
-        Path | None, typer.Option("--run", metavar="RUN", help="A run folder; without it `mixed` is run first.")
+        list[Path] | None,
+        typer.Option(
+            "--run",
+            metavar="RUN",
+            help="A run folder, and a second one of another car for figures 3.20 and 3.21; without it `mixed` is run "
+            "with both cars.",
+        ),
     ] = None,
 ) -> None:
-    """The thesis' figures from our own runs."""
+    """The papers' figures from our own runs: one page, and a picture of each."""
     from rollingroad.chain import run_chain
     from rollingroad.cli.output import console, progress
     from rollingroad.run_files import read_run
     from rollingroad.task import make_task
     from rollingroad.viz.gallery.write import write_gallery
+    from vehicle_model.car.errors import BadInput
 
-    if run is None:
-        run = Path("runs") / "mixed-0"
-        with progress() as tell:
-            run_chain(make_task("mixed"), run, tell=tell)
-    for path in write_gallery(read_run(run), out):
-        console().print(str(path), soft_wrap=True)
+    if run is not None and len(run) > 2:
+        raise BadInput("--run", str(run[2]), "expected one run folder, or two")
+    with progress() as tell:
+        if run is None:
+            run = [Path("runs") / "mixed-0", Path("runs") / "mixed-peugeot-0"]
+            for car, folder in zip(("smart", "peugeot"), run, strict=True):
+                if not (folder / "run.json").is_file():
+                    run_chain(make_task("mixed", car=car), folder, tell=lambda text, car=car: tell(f"{car}: {text}"))
+        tell("reading the run")
+        read = [read_run(folder) for folder in run]
+        paths = write_gallery(*read[:1], out, *read[1:], tell=tell)
+    console().print(f"{len(paths) - 1} figures in {paths[0]}", soft_wrap=True)

@@ -17,7 +17,8 @@ BASELINE, ADVISED, ADVICE, LIMIT, TRUTH, FOUND, FILTER = BLUE, VERMILION, GREEN,
 
 @dataclass(frozen=True)
 class Line:
-    """y over x, both (n,). `dash`: "", "dash", "dot"; `step` holds the value until the next x; `dots` draws no line."""
+    """y over x, both (n,). `dash`: "", "dash", "dot"; `step` holds the value until the next x; `dots` draws no line,
+    but points `size` pixels wide."""
 
     x: Array
     y: Array
@@ -27,6 +28,7 @@ class Line:
     width: float = 1.6
     step: bool = False
     dots: bool = False
+    size: float = 3.0
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,8 @@ class Heat:
     low: float
     high: float
     sure: NDArray[np.bool_] | None = None
+    units: tuple[str, str] = ("rpm", "N m")
+    """Of x and y."""
 
 
 @dataclass(frozen=True)

@@ -28,22 +28,30 @@ _STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
     "svg.hashsalt": "rollingroad",
 }
+_CHARACTERS = 92
+"""Of a legend that fit beside one another in 6.4 inches."""
+_CROWD = 500
+"""More dots than this are pixels in an SVG: as single shapes they would be most of a page."""
 _DASHES = {"": "-", "dash": "--", "dot": ":"}
 
 
-def draw(chart: Chart, width: float = 6.4) -> Figure:
-    """Return `chart` as a figure `width` inches wide, its height in proportion."""
+def draw(chart: Chart, width: float = 6.4, *, titled: bool = False) -> Figure:
+    """Return `chart` as a figure `width` inches wide, its height in proportion; `titled` where it stands alone."""
     with rc_context(_STYLE):
         figure = Figure(figsize=(width, width * chart.height / 640.0), layout="constrained")
         FigureCanvasAgg(figure)
+        if titled:
+            figure.suptitle(chart.title, x=0.01, ha="left", fontsize=10.5, fontweight="bold")
         count = len(chart.panels)
         if chart.beside:
             grid = figure.subplots(1, count, squeeze=False)[0]
         else:
             weights = [panel.weight for panel in chart.panels]
             grid = figure.subplots(count, 1, squeeze=False, sharex=True, height_ratios=weights)[:, 0]
+        room = int(_CHARACTERS * width / 6.4 / (count if chart.beside else 1))
+        named: list[str] = []
         for axes, panel in zip(grid, chart.panels, strict=True):
-            _draw_panel(axes, panel)
+            named = _draw_panel(axes, panel, room, named)
             if chart.beside and any(isinstance(mark, Bars) for mark in panel.marks):
                 axes.tick_params(labelleft=axes is grid[0])
         return figure
@@ -53,7 +61,7 @@ def svg(figure: Figure) -> str:
     """The figure as an SVG element without XML prologue; the same figure gives the same text."""
     with rc_context(_STYLE):
         buffer = io.StringIO()
-        figure.savefig(buffer, format="svg", metadata={"Date": None}, dpi=110)
+        figure.savefig(buffer, format="svg", metadata={"Date": None}, dpi=130)
     text = buffer.getvalue()
     return text[text.index("<svg") :]
 
@@ -66,7 +74,8 @@ def save(figure: Figure, path: Path) -> None:
     aside.replace(path)
 
 
-def _draw_panel(axes: Axes, panel: Panel) -> None:
+def _draw_panel(axes: Axes, panel: Panel, room: int, said: list[str]) -> list[str]:
+    """Draw `panel` with a legend `room` characters wide, unless it is `said` already; return the legend's names."""
     filled: dict[str, float] = {}
     for mark in panel.marks:
         _draw_mark(axes, mark, filled)
@@ -80,23 +89,30 @@ def _draw_panel(axes: Axes, panel: Panel) -> None:
     if panel.x_range:
         axes.set_xlim(*panel.x_range)
     handles, names = axes.get_legend_handles_labels()
-    if len(set(names)) > 1:
-        unique = dict(zip(names, handles, strict=True))
+    unique = dict(zip(names, handles, strict=True))
+    if len(unique) > 1 and list(unique) != said:
+        fine = all(mark.size <= 3.0 for mark in panel.marks if isinstance(mark, Line))
         axes.legend(
             unique.values(),
             unique.keys(),
-            ncols=4,
+            ncols=max(min(room // (max(map(len, unique)) + 8), 6), 1),
             loc="lower left",
-            bbox_to_anchor=(0.0, 1.0),
+            bbox_to_anchor=(0.0, 1.0 if not panel.title else 1.1),
             borderpad=0.1,
-            markerscale=4.0,
+            markerscale=4.0 if fine else 1.0,
         )
+    return list(unique)
 
 
 def _draw_mark(axes: Axes, mark: Mark, filled: dict[str, float]) -> None:
     match mark:
+        case Line() if not np.isfinite(mark.y).any():
+            return
         case Line(dots=True):
-            axes.plot(mark.x, mark.y, ".", color=mark.colour, markersize=2.0, label=mark.name)
+            crowd = len(mark.x) > _CROWD
+            axes.plot(
+                mark.x, mark.y, ".", color=mark.colour, markersize=0.7 * mark.size, label=mark.name, rasterized=crowd
+            )
         case Line():
             style = "steps-post" if mark.step else "default"
             axes.plot(mark.x, mark.y, _DASHES[mark.dash], color=mark.colour, lw=mark.width, label=mark.name, ds=style)

@@ -90,7 +90,7 @@ def _traces(mark: Mark, place: tuple[float, float]) -> list[dict[str, Any]]:
             trace = {"type": "scatter", "x": _packed(mark.x), "y": _packed(mark.y), "name": mark.name, "line": style}
             trace["mode"] = "markers" if mark.dots else "lines"
             if mark.dots:
-                trace["marker"] = {"color": mark.colour, "size": 3}
+                trace["marker"] = {"color": mark.colour, "size": mark.size}
             return [trace]
         case Band():
             x = np.concatenate([mark.x, mark.x[::-1]])
@@ -108,7 +108,8 @@ def _traces(mark: Mark, place: tuple[float, float]) -> list[dict[str, Any]]:
             common = {
                 "type": "heatmap", "x": _packed(mark.x), "y": _packed(mark.y), "zmin": mark.low, "zmax": mark.high,
                 "colorscale": _stops(mark.scale), "hoverongaps": False,
-                "hovertemplate": "%{x:.0f} rpm, %{y:.0f} N m<br>" + mark.name + " %{z:.2f}<extra></extra>",
+                "hovertemplate": f"%{{x:.4g}} {mark.units[0]}, %{{y:.4g}} {mark.units[1]}<br>{mark.name} %{{z:.2f}}"
+                "<extra></extra>",
             }  # fmt: skip
             bar = {"orientation": "h", "title": {"text": mark.name, "side": "bottom"}, "thickness": 10, "y": -0.30}
             bar |= {"x": 0.5 * (place[0] + place[1]), "len": place[1] - place[0], "yanchor": "top"}

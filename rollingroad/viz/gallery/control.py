@@ -96,7 +96,7 @@ def _course(number: str, title: str, solution: Solution) -> Chart:
     panels = [
         Panel("speed (km/h)", (Line(t, KMH * solution.state[:, 0], "speed", charts.BLUE),)),
         Panel("costate (kJ s/m)", (Line(t, costate / 1e3, "costate", charts.GREEN),)),
-        Panel("speed (rpm)", (Line(t, rpm, "engine speed", charts.ORANGE),)),
+        Panel("engine (rpm)", (Line(t, rpm, "engine speed", charts.ORANGE),)),
         Panel("torque (N m)", (Line(t, torque, "torque", charts.VERMILION),), y_range=(0.0, 105.0)),
     ]
     if len(solution.gear) and solution.gear.max() > 0:
@@ -148,7 +148,7 @@ def _acceleration(number: str, title: str, solution: Solution, told: str) -> Cha
         f"{solution.distance:.0f} m and {solution.duration:.1f} s. {told}",
         (
             Panel("speed (km/h)", (Line(t, KMH * solution.state[:, 0], "speed", charts.BLUE),)),
-            Panel("speed (rpm)", (Line(t, rpm, "engine speed", charts.ORANGE),)),
+            Panel("engine (rpm)", (Line(t, rpm, "engine speed", charts.ORANGE),)),
             Panel("torque (N m)", (Line(t, torque, "torque", charts.VERMILION),), y_range=(0.0, 105.0)),
             Panel("fuel (kJ)", (Line(t, burnt / 1e3, "fuel", charts.BLACK),), x_label="time (s)"),
         ),

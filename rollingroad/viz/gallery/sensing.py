@@ -1,8 +1,10 @@
-"""Figures 2.2, 2.5, 2.6, 3.2, 3.3 and F.1: what the sensors see of the truth."""
+"""Figures 2.2, 2.5, 2.6, 3.1, 3.2, 3.3, 4.7 and F.1: what the sensors see of the truth, and where it was driven."""
 
 import numpy as np
 import pymap3d
 
+from observer.estimate import STATES
+from observer.unscented import Spread, sigma_points
 from rollingroad.run import Run
 from rollingroad.viz import charts
 from rollingroad.viz.charts import Chart, Line, Panel
@@ -10,13 +12,16 @@ from rollingroad.viz.views import sky_spans
 
 _CLASSES = (0.0, 30.0, 50.0, 80.0, 110.0)
 """km/h: where the classes of figure F.1 begin."""
+_HARD = 1.0
+"""m/s2: from here figure 4.7 calls it accelerating hard."""
 
 
 def sensing_charts(run: Run) -> list[Chart]:
     """The figures on sensors, in the thesis' order; those on altitude need GPS and road map in the log."""
     kinds = set(run.estimate.records["kind"].astype(str))
     heights = [_altitudes(run), _disagreement(run)] if {"gps_altitude", "map_altitude"} <= kinds else []
-    return [_gps_errors(run), *heights, _quantized(run), _pulses(run), _speed_map(run)]
+    made = [_gps_errors(run), *heights, _averaging(run), _quantized(run), _pulses(run)]
+    return [*made, _accelerations(run), _speed_map(run)]
 
 
 def _gps_errors(run: Run) -> Chart:
@@ -82,6 +87,48 @@ def _disagreement(run: Run) -> Chart:
     )
 
 
+def _averaging(run: Run) -> Chart:
+    """3.1: specific force at the sigma points of the pitch lies on a circle, their mean inside it."""
+    g, wide = run.car.gravity, 0.6
+    spread = Spread()
+
+    def forces(deviation: float) -> charts.Array:
+        pitch = sigma_points(np.zeros(1), np.array([[deviation]]), spread)[:, 0]
+        return g * np.column_stack([np.sin(pitch), np.cos(pitch)])
+
+    mean_weights = spread.weights(1)[0]
+    points, mean = forces(wide), mean_weights @ forces(wide)
+    arc = np.linspace(-1.2 * wide, 1.2 * wide, 121)
+    variance = run.estimate.variance[:, STATES.index("pitch")]
+    pitch_deviation = float(np.sqrt(np.nanmedian(variance)))
+    error = g - float(mean_weights @ forces(pitch_deviation)[:, 1])
+    dots = (
+        (points[:, 0], points[:, 1], "sigma points", charts.BLUE),
+        (np.zeros(1), np.array([g]), "at the mean pitch", charts.GREEN),
+        (mean[:1], mean[1:], "mean of the sigma points", charts.VERMILION),
+    )
+    return Chart(
+        "figure-3.1",
+        "3.1 Sigma point averaging",
+        f"Gravity in the car's axes over its pitch, with a deviation of {wide:g} rad to make it visible: the mean over "
+        f"the sigma points lies {g - mean[1]:.2f} m/s² below what is measured at the mean pitch, and the filter would "
+        f"correct a state that is right. With this run's own deviation of the pitch, {1e3 * pitch_deviation:.1f} mrad "
+        f"(median), it is {1e6 * error:.0f} µm/s²: not what makes an unscented filter fail.",
+        (
+            Panel(
+                "vertical specific force (m/s²)",
+                (
+                    Line(g * np.sin(arc), g * np.cos(arc), "over the pitch", charts.GREY),
+                    *(Line(x, y, name, colour, dots=True, size=9.0) for x, y, name, colour in dots),
+                ),
+                x_label="longitudinal specific force (m/s²)",
+                equal=True,
+            ),
+        ),
+        height=420,
+    )
+
+
 def _quantized(run: Run) -> Chart:
     """3.2: the speed that single wheel pulses give, on their 125 us clock, over ten seconds."""
     time, speed = _pulse_speed(run)
@@ -138,6 +185,26 @@ def _speed_map(run: Run) -> Chart:
         "F.1 The trip by speed",
         "As trip.kml shows it in a viewer of the globe.",
         (Panel("north (km)", tuple(marks), x_label="east (km)", equal=True),),
+        height=420,
+    )
+
+
+def _accelerations(run: Run) -> Chart:
+    """4.7: the thesis drove its acceleration test on one road; here, where on its road the run accelerated."""
+    trip = run.baseline
+    rows = slice(None, None, max(len(trip.time) // 6000, 1))
+    east, north, hard = trip.east[rows] / 1e3, trip.north[rows] / 1e3, trip.acceleration[rows] > _HARD
+    marks = (
+        Line(east, north, "the road", charts.GREY),
+        Line(east[hard], north[hard], f"accelerating by more than {_HARD:g} m/s²", charts.VERMILION, dots=True),
+        Line(east[:1], north[:1], "start", charts.BLUE, dots=True, size=9.0),
+    )
+    return Chart(
+        "figure-4.7",
+        "4.7 Acceleration test route",
+        "Where the baseline driver accelerates hard. The thesis tests 4.8 and 4.9 on 2 km of flat road; here these two "
+        "are computed, and this is the road of the run.",
+        (Panel("north (km)", marks, x_label="east (km)", equal=True),),
         height=420,
     )
 
