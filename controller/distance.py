@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from controller.controller_model import ControllerModel
 from controller.direct import solve_phases
 from controller.drive_table import LEVELS
+from controller.hold_lines import hold_lines
 from controller.problem import Problem
 from controller.route_kernel import BIG, act, sweep
 from controller.solution import Certificate, Solution
@@ -109,11 +110,13 @@ def bellman(
     nodes: int = 400,
     top_speed: float | None = None,
     relaxed: bool = True,
+    method: str = "dp",
 ) -> Solution:
     """Dynamic programming over distance and kinetic energy with the route planner's kernel, CVT as one "gear".
 
     `relaxed` plans on the lower convex hull of the least fuel power over shaft power: the limit of ever faster pulse
-    and glide, the infimum of the problem. Where the map is convex it changes nothing.
+    and glide, the infimum of the problem. Otherwise pulse and glide is not rewarded (`hold_lines`). Where the map is
+    convex the two are the same.
     """
     began = clock.perf_counter()
     fastest = top_speed or 2.5 * start_speed
@@ -132,7 +135,7 @@ def bellman(
     certificate = Certificate(mesh_error=abs(coarse - cost) / cost, hull_gain=max(gain, 0.0))
     solution = Solution(
         case=case,
-        method="dp",
+        method=method,
         cost=cost,
         duration=float(time[-1]),
         distance=distance,
@@ -168,9 +171,11 @@ def _bellman(
     never = np.full(rows, -1e9)
     arguments = (
         ds, np.full(count, model.mass * model.gravity * model.rolling_resistance), top,
-        np.full(count + 1, nodes, np.int64), np.zeros(count), e, model.air_density * model.drag_area,
+        np.zeros(count + 1, np.int64), np.full(count + 1, nodes), np.full(count + 1, nodes), np.zeros(count), e,
+        model.air_density * model.drag_area,
         np.array([model.accelerated_mass]), fuel[None], low[None], high[None], never, np.zeros(rows),
-        np.full(rows, model.accelerated_mass), 0.0, 0.0, 0.0, 0.0, 5.0, 5.0, value,
+        np.full(rows, model.accelerated_mass), 0.0, 0.0, 0.0, 0.0, 5.0, 5.0,
+        *hold_lines(e, fuel[None], low[None], high[None], never, np.zeros(rows)), value,
     )  # fmt: skip
     sweep(*arguments)
     start = np.full(count, 0.5 * start_speed**2)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from controller.hold_lines import hold_lines
 from observer.efficiency_map import FuelMap
 from vehicle_model.car.errors import BadInput
 from vehicle_model.car.parameters import Car
@@ -46,6 +47,8 @@ class DriveTable:
     """(G,), N, 1/m."""
     marginal_cost: float
     """J of fuel for one more J at the wheels, in the middle of the map: what stored energy is worth."""
+    hold: tuple[NDArray[np.float64], ...]
+    """What holding the speed costs and the lines that support it: see `hold_lines.hold_lines`."""
 
 
 def drive_table(
@@ -101,19 +104,22 @@ def drive_table(
     engaged = coast_gear > 0
     coast_ratio = np.where(engaged, ratio[np.maximum(coast_gear, 1) - 1], 0.0)
     drag = np.interp(coast_ratio * speed, fuel_map.engine_speed, fuel_map.overrun_torque)
+    coast_force = np.where(engaged, np.minimum(drag, 0.0) * coast_ratio, 0.0)
+    coast_fuel = np.where(engaged, 0.0, fuel_map.idle_power / speed)
     return DriveTable(
         energy_step=step,
         nodes=nodes,
         fuel=fuel,
         force_low=low,
         force_high=high,
-        coast_force=np.where(engaged, np.minimum(drag, 0.0) * coast_ratio, 0.0),
-        coast_fuel=np.where(engaged, 0.0, fuel_map.idle_power / speed),
+        coast_force=coast_force,
+        coast_fuel=coast_fuel,
         coast_gear=coast_gear,
         coast_mass=np.where(engaged, mass[np.maximum(coast_gear, 1) - 1], car.accelerated_mass),
         mass=mass,
         ratio=ratio,
         marginal_cost=_marginal_cost(fuel_map),
+        hold=hold_lines(step, fuel, low, high, coast_force, coast_fuel),
     )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.drive_table import DriveTable
+from controller.route_kernel import hold_line
 
 
 @dataclass(frozen=True)
@@ -59,10 +60,17 @@ def swings(stages: Stages, path: Path, energy_step: float) -> int:
 
 
 def certify_plan(
-    table: DriveTable, stages: Stages, path: Path, drag: float, time_value: float, comfort: float
+    table: DriveTable,
+    stages: Stages,
+    path: Path,
+    drag: float,
+    time_value: float,
+    comfort: float,
+    hold: tuple[NDArray[np.float64], ...],
 ) -> dict[str, float]:
     """Return `maximum_gap`, `costate_error`, `pulses`, `swings` and `hull_gain` of a plan.
 
+    `hold` are the lines that take the reward out of pulse and glide, as the plan was charged by them (`hold_lines`).
     maximum_gap: mean of max H - H(own) over every gear and force within `comfort` m/s2, as a share of the running
     cost; costate_error: median mismatch of the costate equation over one stage, as a share of the costate; both where
     neither a speed limit nor the lowest engine speed of the gear is touched (there the costate may jump);
@@ -79,7 +87,14 @@ def certify_plan(
     load = stages.grade_force + drag * middle
     acceleration = np.diff(path.energy) / stages.ds
     running = path.fuel / stages.ds + time_value / speed
-    own = worth * acceleration - path.fuel / stages.ds
+    lines = [hold_line(*hold, int(r), float(f)) for r, f in zip(row, load, strict=True)]
+    base, lean, bend = (np.array(part) for part in zip(*lines, strict=True))
+    lean = lean * table.mass[-1]
+
+    def held(a: NDArray[np.float64]) -> NDArray[np.float64]:
+        return base + a * (lean + a * bend)
+
+    own = worth * acceleration - np.maximum(path.fuel / stages.ds, held(acceleration))
 
     low, high, burnt = table.force_low[:, row], table.force_high[:, row], table.fuel[:, row, :]
     usable = (high > 0.0) & (table.force_high[:, start] > 0.0)
@@ -88,9 +103,10 @@ def certify_plan(
         force = np.where(usable, low, 0.0)[..., None] + np.where(usable, high - low, 0.0)[..., None] * share
     possible = (force - load[None, :, None]) / table.mass[:, None, None]
     allowed = usable[..., None] & (possible <= comfort)
-    best = np.max(np.where(allowed, worth[None, :, None] * possible - burnt, -np.inf), axis=(0, 2))
-    rolling = worth * (table.coast_force[row] - load) / table.coast_mass[row] - table.coast_fuel[row]
-    best = np.maximum(best, rolling)
+    charged = np.maximum(burnt, np.moveaxis(held(np.moveaxis(possible, 1, 2)), 2, 1))
+    best = np.max(np.where(allowed, worth[None, :, None] * possible - charged, -np.inf), axis=(0, 2))
+    slowing = (table.coast_force[row] - load) / table.coast_mass[row]
+    best = np.maximum(best, worth * slowing - np.maximum(table.coast_fuel[row], held(slowing)))
     inside = (path.energy[1:] < stages.top[1:] * (1.0 - 1e-9)) & (path.energy[:-1] > 25.0) & (path.gear > 0)
     inside &= table.force_high[np.maximum(path.gear, 1) - 1, np.maximum(start - 4, 0)] > 0.0
     gap = np.maximum(best - own, 0.0)

@@ -9,10 +9,12 @@ which the planned action maximises at each place. The value function comes of dy
 global optimum on its grid, and the costate is its slope, at every speed and not only along the plan.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from controller.advice import Advice, RoadAhead
 from controller.drive_table import DriveTable, drive_table
@@ -43,12 +45,11 @@ class Comfort:
     shift_time: float = 0.15
     """s of trip time per gear change: what the torque gap costs in the end, well below the gap itself."""
     restart_energy: float = 15_000.0
-    """J charged, not burnt, for each return from rolling to driving: what makes pulse and glide dear.
-
-    It does not see pulses with the throttle open: on a map far from convex over thrust the plan still swings between
-    two thrusts from stage to stage (`certificate["swings"]`; `hull_gain` says what more is to be had). Tried against
-    it, and left out: a price on acceleration. With part load 60 % dearer even 2 kJ/m per (m/s2)^2 only makes the swings
-    smaller, and at 10 kJ/m it outweighs the fuel. On a Willans map there are no swings.
+    """J charged, not burnt, for each return from rolling to driving."""
+    pulse_and_glide: bool = False
+    """Whether the plan may swing about a speed for what a map that is not convex over thrust rewards it with. By
+    default it is charged what holding the speed costs (`hold_lines`), and `certificate["hull_gain"]` says what is left
+    on the road for that. (A price on acceleration instead only makes the swings smaller before it outweighs the fuel.)
     """
     dawdle_power: float = 30_000.0
     """W: price of the time lost below `RoadAhead.speed_min`."""
@@ -135,86 +136,74 @@ def plan_route_in_time(
     Raises BadInput with the nearest feasible time when no time value gives it.
     """
     problem = _Problem.build(road, fuel_map, car, start_speed, end_speed, end_price, comfort, step, nodes, table)
-    rough = _Problem.build(
-        road, fuel_map, car, start_speed, end_speed, end_price, comfort, 3.0 * step, max(nodes // 2, 60), None
-    )
-    # a coarse grid finds the time value, the fine grid corrects it by what the two disagree about, then brackets it
-    known: dict[float, float] = {}
-    fine: dict[float, float] = {}
-    offset = 0.0
-    for round_ in range(12):
-        slower = max((v for v in fine if fine[v] > trip_time), default=None)
-        faster = min((v for v in fine if fine[v] <= trip_time), default=None)
-        if slower is not None and faster is not None:
-            if not slower < faster * (1.0 - 1e-6):
-                break
-            share = (1.0 / trip_time - 1.0 / fine[slower]) / (1.0 / fine[faster] - 1.0 / fine[slower])
-            value = slower + (0.5 if round_ % 3 == 2 else min(max(share, 0.05), 0.95)) * (faster - slower)
-        else:
-            value = _time_value(rough, trip_time - offset, start_gear, known, tolerance / 2.0)
-            value = max(value, 1.005 * slower) if slower is not None else value
-            value = min(value, 0.995 * faster) if faster is not None else value
+    corridors = _Corridors(problem, problem.rough(road, fuel_map, step, nodes), start_gear)
+    value = _time_value(problem, trip_time, tolerance, corridors.seconds)
+    planned = problem.plan(value, start_gear)
+    if abs(float(planned[0].seconds.sum()) - trip_time) > tolerance * trip_time:  # a step, or a better plan elsewhere
+        value = _time_value(problem, trip_time, tolerance, lambda v: problem.trip_time(v, start_gear))
         planned = problem.plan(value, start_gear)
-        found = float(planned[0].seconds.sum())
-        if abs(found - trip_time) <= tolerance * trip_time:
-            return problem.advise(value, *planned, policy_step, certify)
-        fine[value] = found
-        offset = found - _nearest(known, value)
-    value = _bisect(problem, trip_time, start_gear, tolerance)
-    return problem.solve(value, start_gear, policy_step, certify)
+    return problem.advise(value, *planned, policy_step, certify)
 
 
-def _nearest(known: dict[float, float], value: float) -> float:
-    """Trip time at `value`, from the times known: interpolated in log of the time value."""
-    values = np.array(sorted(known))
-    return float(np.interp(np.log1p(value), np.log1p(values), [known[v] for v in values]))
+MOST = 500_000.0
+"""W: time values are sought up to here."""
 
 
-def _time_value(
-    problem: "_Problem", trip_time: float, start_gear: int | None, known: dict[float, float], tolerance: float
-) -> float:
-    """Time value at which `problem` takes about `trip_time` s; `known` (time value -> s) is used and filled.
+def _time_value(problem: "_Problem", trip_time: float, tolerance: float, seconds: Callable[[float], float]) -> float:
+    """Time value at which the plan takes `trip_time` s within `tolerance`; `seconds(value)` falls, in steps.
 
-    The time falls in steps as the time value rises: across a step the search ends at 0.2 % of the time value.
+    The search begins at the time value whose cruise has the trip's mean speed on a Willans engine, brackets, and goes
+    on by the secant of 1/time. Within a step of the time it returns the nearer side.
+    Raises BadInput with the nearest feasible time when no time value gives it.
     """
-    for value in (0.0, 20_000.0, 80_000.0, 500_000.0):
-        if value not in known:
-            known[value] = problem.trip_time(value, start_gear)
-        if known[value] <= trip_time:
-            break
-    for round_ in range(14):
-        values = sorted(known)
-        slower = [v for v in values if known[v] > trip_time]
-        faster = [v for v in values if known[v] <= trip_time]
-        if not slower or not faster:
-            return faster[0] if faster else slower[-1]
-        low, high = slower[-1], faster[0]
-        share = (1.0 / trip_time - 1.0 / known[low]) / (1.0 / known[high] - 1.0 / known[low])
-        value = low + (0.5 if round_ % 3 == 2 else min(max(share, 0.05), 0.95)) * (high - low)
-        if min(known[low] - trip_time, trip_time - known[high]) <= tolerance * trip_time or high - low < 2e-3 * high:
-            return low + min(max(share, 0.0), 1.0) * (high - low)
-        known[value] = problem.trip_time(value, start_gear)
-    return value
-
-
-def _bisect(problem: "_Problem", trip_time: float, start_gear: int | None, tolerance: float) -> float:
-    """Time value found on the fine grid alone: slow and sure. Raises BadInput with the nearest feasible time."""
-    low, high = 0.0, 500_000.0
-    slow, fast = problem.trip_time(low, start_gear), problem.trip_time(high, start_gear)
-    if not fast * (1.0 - tolerance) <= trip_time <= slow * (1.0 + tolerance):
-        nearest = fast if trip_time < fast else slow
-        raise BadInput("trip time", f"{trip_time:.1f} s", f"nearest feasible is {nearest:.1f} s")
-    value, found = (low, slow) if abs(slow - trip_time) < abs(fast - trip_time) else (high, fast)
-    for _ in range(50):
-        if abs(found - trip_time) <= tolerance * trip_time or high - low < 1e-7 * high:
-            break
-        value = 0.5 * (low + high)
-        found = problem.trip_time(value, start_gear)
+    slow = fast = None
+    value = problem.cruise_value(1.15 * float(problem.stages.ds.sum()) / max(trip_time, 1.0))
+    value = min(max(value, 100.0), MOST)
+    for round_ in range(60):
+        found = seconds(value)
+        if abs(found - trip_time) <= tolerance * trip_time:
+            return value
         if found > trip_time:
-            low = value
+            slow = (value, found)
         else:
-            high = value
-    return value
+            fast = (value, found)
+        if slow is None or fast is None:
+            if value in (0.0, MOST):
+                raise BadInput("trip time", f"{trip_time:.1f} s", f"nearest feasible is {found:.1f} s")
+            value = min(2.0 * value, MOST) if fast is None else (value / 2.5 if value > 200.0 else 0.0)
+            continue
+        if fast[0] - slow[0] < 1e-6 * fast[0]:
+            break
+        share = (1.0 / trip_time - 1.0 / slow[1]) / (1.0 / fast[1] - 1.0 / slow[1])
+        share = 0.5 if round_ % 3 == 2 else min(max(share, 0.03), 0.97)
+        value = slow[0] + share * (fast[0] - slow[0])
+    assert slow is not None
+    assert fast is not None
+    return min(slow, fast, key=lambda side: abs(side[1] - trip_time))[0]
+
+
+@dataclass
+class _Corridors:
+    """Trip times of fine plans, each sought in a corridor around the plan of the nearest time value known."""
+
+    problem: "_Problem"
+    rough: "_Problem"
+    start_gear: int | None
+    known: dict[float, NDArray[np.float64]] = field(default_factory=dict)
+
+    def seconds(self, value: float) -> float:
+        """Duration of the plan at time value `value`, s."""
+        problem, path = self.problem, None
+        width = 2.5 * self.rough.table.energy_step
+        near = min(self.known, key=lambda v: abs(np.log1p(v) - np.log1p(value)), default=None)
+        if near is not None and abs(near - value) < 0.5 * near:
+            path = problem.near(problem.stages.s, self.known[near], 2.0 * width, value, self.start_gear)
+        if path is None:
+            guide = self.rough.plan(value, self.start_gear)[0].energy
+            path = problem.near(self.rough.stages.s, guide, width, value, self.start_gear)
+        path = path or problem.plan(value, self.start_gear)[0]
+        self.known[value] = path.energy
+        return float(path.seconds.sum())
 
 
 @dataclass(frozen=True)
@@ -226,6 +215,10 @@ class _Problem:
     car: Car
     comfort: Comfort
     count: NDArray[np.int64]
+    """(K+1,): nodes of kinetic energy at each place, the last on the limit."""
+    lowest: NDArray[np.int64]
+    beyond: NDArray[np.int64]
+    """(K+1,): the corridor, nodes from `lowest` to before `beyond`."""
     start_speed: float
     end_speed: float | None
     end_price: float
@@ -263,31 +256,80 @@ class _Problem:
         count = np.minimum(below, table.nodes - 1) + 1
         stages = replace(stages, top=top)
         price = table.marginal_cost if end_price is None else end_price
-        return _Problem(stages, table, car, comfort or Comfort(), count, start_speed, end_speed, price)
+        comfort = comfort or Comfort()
+        none = np.zeros_like(count)
+        return _Problem(stages, table, car, comfort, count, none, count, start_speed, end_speed, price)
+
+    def around(self, s: NDArray[np.float64], energy: NDArray[np.float64], width: float) -> "_Problem":
+        """The same in a corridor of `width` m2/s2 to both sides of `energy` (places `s`, m) and of what is next to it.
+
+        The end is kept whole where its speed is given.
+        """
+        near = int(np.ceil(np.max(np.diff(s)) / self.stages.ds[0]))
+        path, e = np.interp(self.stages.s, s, energy), self.table.energy_step
+        low = np.floor((minimum_filter1d(path, 2 * near + 1) - width) / e).astype(np.int64)
+        high = np.ceil((maximum_filter1d(path, 2 * near + 1) + width) / e).astype(np.int64) + 2
+        lowest = np.clip(low, 0, np.maximum(self.count - 3, 0))
+        beyond = np.clip(high, lowest + 2, self.count)
+        beyond = np.where(beyond >= self.count - 1, self.count, beyond)
+        if self.end_speed is not None:
+            beyond[-1] = self.count[-1]
+        return replace(self, lowest=lowest, beyond=beyond)
+
+    def rough(self, road: RoadAhead, fuel_map: FuelMap, step: float, nodes: int) -> "_Problem":
+        """The same on a grid three times as long in distance and half as fine in energy."""
+        return _Problem.build(
+            road, fuel_map, self.car, self.start_speed, self.end_speed, self.end_price, self.comfort, 3.0 * step,
+            max(nodes // 2, 60), None,
+        )  # fmt: skip
+
+    def near(
+        self, s: NDArray[np.float64], energy: NDArray[np.float64], width: float, time_value: float,
+        start_gear: int | None,
+    ) -> Path | None:  # fmt: skip
+        """The plan in a corridor, see `around`; None where it runs along the corridor's walls or there is none."""
+        corridor = self.around(s, energy, width)
+        path = corridor.follow(time_value, corridor.value_function(time_value), start_gear)
+        return path if path.cost < IMPOSSIBLE and corridor.within(path.energy) else None
+
+    def cruise_value(self, speed: float) -> float:
+        """Time value, W, at which a Willans engine cruises at `speed` m/s: v P' - P for P = marginal cost x R v."""
+        return self.table.marginal_cost * self.car.air_density * self.car.drag_area * speed**3
+
+    def within(self, energy: NDArray[np.float64]) -> bool:
+        """Whether a path keeps clear of the corridor's walls, where those are not the road's limits."""
+        node = energy / self.table.energy_step
+        clear = (node > self.lowest + 1.0) | (self.lowest == 0)
+        return bool(np.all((clear & ((node < self.beyond - 2.0) | (self.beyond == self.count)))[1:]))
 
     def arguments(self, time_value: float, value: NDArray[np.float64]) -> tuple:
         """What every kernel takes, in its order."""
         t, c, st = self.table, self.comfort, self.stages
         return (
-            st.ds, st.grade_force, st.top, self.count, st.slow_speed, t.energy_step,
+            st.ds, st.grade_force, st.top, self.lowest, self.beyond, self.count, st.slow_speed, t.energy_step,
             self.car.air_density * self.car.drag_area, t.mass, t.fuel, t.force_low, t.force_high, t.coast_force,
             t.coast_fuel, t.coast_mass, time_value, c.shift_energy + c.shift_time * time_value, c.restart_energy,
-            c.dawdle_power, c.acceleration, c.braking, value,
+            c.dawdle_power, c.acceleration, c.braking, *self.hold, value,
         )  # fmt: skip
 
+    @property
+    def hold(self) -> tuple[NDArray[np.float64], ...]:
+        """The table's lines, without columns where pulse and glide is allowed."""
+        first, width, *rest = self.table.hold
+        return (first, width, *(part[:, :0] for part in rest)) if self.comfort.pulse_and_glide else self.table.hold
+
     def value_function(self, time_value: float) -> NDArray[np.float64]:
-        """Sweep backwards: V (K+1, G+1, n), J."""
+        """Sweep backwards: V (K+1, G+1, n) over the corridor's nodes, J."""
         stages, table = self.stages, self.table
-        value = np.full((len(stages.s), len(table.mass) + 1, table.nodes), BIG)
-        last = self.count[-1]
+        value = np.full((len(stages.s), len(table.mass) + 1, int(np.max(self.beyond - self.lowest))), BIG)
+        first, last = self.lowest[-1], self.beyond[-1]
         if self.end_speed is None:
-            energy = np.arange(last) * table.energy_step
-            energy[-1] = stages.top[-1]
-            value[-1, :, :last] = -self.end_price * self.car.accelerated_mass * energy
+            energy = np.append(np.arange(self.count[-1] - 1) * table.energy_step, stages.top[-1])[first:last]
+            value[-1, :, : last - first] = -self.end_price * self.car.accelerated_mass * energy
+        elif self.end_speed == 0.0:
+            value[-1, :, : last - first] = 0.0
         else:
-            value[-1, :, last - 1] = 0.0
-            if self.end_speed == 0.0:
-                value[-1, :, :last] = 0.0
+            value[-1, :, last - first - 1] = 0.0
         sweep(*self.arguments(time_value, value))
         return value
 
@@ -372,7 +414,13 @@ class _Problem:
             {}
             if not certify
             else certify_plan(
-                table, stages, found, car.air_density * car.drag_area, time_value, self.comfort.acceleration
+                table,
+                stages,
+                found,
+                car.air_density * car.drag_area,
+                time_value,
+                self.comfort.acceleration,
+                self.hold,
             )
         )
         return Advice(

@@ -1,11 +1,14 @@
 """Dynamic programming over distance, kinetic energy and gear: the compiled sweep, and one step of it anywhere.
 
-State: E = v^2/2 on nodes `i * step` below the limit of the place plus one node exactly on it; "gear" 0 is off the
-throttle (fuel cut, or brakes), 1 ... drive. Value V[k, g, i] = least cost to go from place k, coming in gear g.
+State: E = v^2/2 on nodes `i * step` below the limit of the place plus one node exactly on it, or those of them in a
+corridor; "gear" 0 is off the throttle (fuel cut, or brakes), 1 ... drive. V[k, g, i] = least cost to go from place k,
+coming in gear g:
     V[k, g, i] = min over g' of  change(g, g') + W[k, g', i]
     W[k, g', i] = min over E' of  ds fuel(g', E, E') + time_value dt + V[k+1, g', E']
-Targets E' are the nodes of the next place (no interpolation); rolling off the throttle lands between nodes and
-interpolates. Everything is in this one file because numba's cache does not see edits in callees elsewhere.
+No action is charged less fuel than holding its speed would take, plus what it changes of the speed (`hold_lines`): so
+pulse and glide is not rewarded. Targets E' are the nodes of the next place (no interpolation); rolling off the throttle
+lands between nodes and interpolates. Everything is in this one file because numba's cache does not see edits in callees
+elsewhere.
 """
 
 import numpy as np
@@ -25,15 +28,17 @@ def node_energy(i, count, top, step):
 
 
 @njit(cache=True, error_model="numpy")
-def value_at(value, energy, count, top, step):
-    """Interpolate one gear's value (n,) at `energy`."""
+def value_at(value, energy, lowest, beyond, count, top, step):
+    """Interpolate one gear's value (n,), kept for nodes `lowest` to `beyond` (excluded), at `energy`; BIG outside."""
     if energy >= top:
-        return value[count - 1]
+        return value[count - 1 - lowest] if beyond == count else BIG
     i = min(int(energy / step), count - 2)
+    if i < lowest or i + 1 >= beyond:
+        return BIG
     low = i * step
     high = node_energy(i + 1, count, top, step)
     share = (energy - low) / (high - low)
-    return value[i] + share * (value[i + 1] - value[i])
+    return value[i - lowest] + share * (value[i + 1 - lowest] - value[i - lowest])
 
 
 @njit(cache=True, error_model="numpy")
@@ -48,17 +53,39 @@ def interval_time(energy, target, ds, slow_speed, slow_price):
 
 
 @njit(cache=True, error_model="numpy")
+def hold_line(hold_first, hold_width, hold_cost, hold_slope, hold_depth, row, load):
+    """The line of `hold_lines` where thrust `load` holds the speed of `row`: (c*, m, g); (-BIG, 0, 0) for none."""
+    points = hold_cost.shape[1]
+    if points < 2:
+        return -BIG, 0.0, 0.0
+    x = (load - hold_first[row]) / hold_width[row]
+    if not 0.0 <= x <= points - 1:
+        return -BIG, 0.0, 0.0
+    q = min(int(x), points - 2)
+    here, there = hold_cost[row, q], hold_cost[row, q + 1]
+    if here >= BIG or there >= BIG:
+        return -BIG, 0.0, 0.0
+    depth = hold_depth[row, q] + (x - q) * (hold_depth[row, q + 1] - hold_depth[row, q])
+    return here + (x - q) * (there - here), hold_slope[row, q], depth
+
+
+@njit(cache=True, error_model="numpy")
 def sweep(
-    ds, grade_force, top, count, slow_speed, step, drag, mass, fuel, low, high, coast_force, coast_fuel, coast_mass,
-    time_value, shift_price, restart_price, slow_price, up, down, value,
+    ds, grade_force, top, lowest, beyond, count, slow_speed, step, drag, mass, fuel, low,
+    high, coast_force, coast_fuel, coast_mass, time_value, shift_price, restart_price, slow_price, up, down,
+    hold_first, hold_width, hold_cost, hold_slope, hold_depth, value,
 ):  # fmt: skip
-    """Fill `value` (K+1, G+1, n) backwards. Shapes: ds, grade_force, slow_speed (K,); top, count (K+1,).
+    """Fill `value` (K+1, G+1, n) backwards. Shapes: ds, grade_force, slow_speed (K,); top, ..., count (K+1,).
+
+    Of the `count` nodes of a place those from `lowest` to before `beyond` are looked at, a corridor; `value[k, g, i]`
+    belongs to node lowest[k] + i.
 
     `grade_force` M g (sin theta + C_rr cos theta), N; `drag` rho C_d A, so that R = grade_force + drag E;
-    `up`, `down` the limits of comfort, m/s2, both positive.
+    `up`, `down` the limits of comfort, m/s2, both positive; `hold_...` those of `hold_lines.hold_lines`, of no columns
+    where pulse and glide is allowed.
     """
     gears, rows, levels = fuel.shape
-    n = value.shape[2]
+    n = np.max(count)
     best = np.empty(gears + 1)
     speed = np.sqrt(2.0 * step * np.arange(n))
     per_force = np.zeros((gears, rows))
@@ -66,19 +93,28 @@ def sweep(
         for r in range(rows):
             if high[g, r] > 0.0:
                 per_force[g, r] = (levels - 1) / (high[g, r] - low[g, r])
-    cost, accelerations, road = np.empty(n), np.empty(n), np.empty(n)
+    cost, accelerations, road, line = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    base, lean, bend = np.full(rows, -BIG), np.zeros(rows), np.zeros(rows)
     row_of = np.empty(n, np.int64)
     for k in range(len(ds) - 1, -1, -1):
         d = ds[k]
         top_next, count_next, ahead = top[k + 1], count[k + 1], value[k + 1]
+        floor, ceiling = lowest[k + 1], beyond[k + 1]
         speed_next_top = np.sqrt(2.0 * top_next)
-        for i in range(count[k]):
+        if hold_cost.shape[1] > 1:
+            for r in range(2 * min(lowest[k], floor), min(2 * max(beyond[k], ceiling), rows)):
+                load = grade_force[k] + drag * 0.5 * r * step
+                base[r], lean[r], bend[r] = hold_line(
+                    hold_first, hold_width, hold_cost, hold_slope, hold_depth, r, load
+                )
+                lean[r] *= mass[gears - 1]
+        for i in range(lowest[k], beyond[k]):
             energy = node_energy(i, count[k], top[k], step)
             v = speed[i] if i < count[k] - 1 else np.sqrt(2.0 * energy)
             best[:] = BIG
             start = min(int(2.0 * energy / step + 0.5), rows - 1)
-            first = min(max(int(np.ceil((energy - down * d) / step)), 0), count_next - 1)
-            last = count_next - 1
+            first = min(max(int(np.ceil((energy - down * d) / step)), floor), ceiling - 1)
+            last = ceiling - 1
             if energy + up * d < top_next:
                 last = min(int((energy + up * d) / step), last)
             drive = last + 1  # targets from here on need the engine
@@ -97,13 +133,14 @@ def sweep(
                 r = int((energy + target) / step + 0.5)
                 load = grade_force[k] + drag * 0.5 * (energy + target)
                 if coast_mass[r] * a + load <= coast_force[r] + 1e-6:
-                    total = price + d * coast_fuel[r] + ahead[0, j]
+                    total = price + d * max(coast_fuel[r], base[r] + a * (lean[r] + a * bend[r])) + ahead[0, j - floor]
                     if a < -down:
                         total += PANIC * mass[0] * (-down - a) * d
                     if total < best[0]:
                         best[0] = total
                 elif a >= -down:
                     cost[j], accelerations[j], road[j], row_of[j] = price, a, load, r
+                    line[j] = base[r] + a * (lean[r] + a * bend[r])
                     drive = j
             for g in range(gears):
                 if high[g, start] < 0.0:
@@ -121,7 +158,8 @@ def sweep(
                         continue
                     q = min(int(x), levels - 2)
                     f = fuel[g, r, q]
-                    total = cost[j] + d * (f + (x - q) * (fuel[g, r, q + 1] - f)) + ahead[g + 1, j]
+                    f += (x - q) * (fuel[g, r, q + 1] - f)
+                    total = cost[j] + d * max(f, line[j]) + ahead[g + 1, j - floor]
                     if total < cheapest:
                         cheapest = total
                 best[g + 1] = cheapest
@@ -129,11 +167,13 @@ def sweep(
             rolled = energy + d * (coast_force[row] - grade_force[k] - drag * energy) / coast_mass[row]
             if 0.0 < rolled <= top_next and rolled >= energy - down * d and rolled <= energy + up * d:
                 dt, dawdled = interval_time(energy, rolled, d, slow_speed[k], slow_price)
-                total = time_value * dt + dawdled + d * coast_fuel[row]
-                total += value_at(ahead[0], rolled, count_next, top_next, step)
+                a = (rolled - energy) / d
+                held = base[row] + a * (lean[row] + a * bend[row])
+                total = time_value * dt + dawdled + d * max(coast_fuel[row], held)
+                total += value_at(ahead[0], rolled, floor, ceiling, count_next, top_next, step)
                 if total < best[0]:
                     best[0] = total
-            settle(best, shift_price, restart_price, value[k, :, i])
+            settle(best, shift_price, restart_price, value[k, :, i - lowest[k]])
 
 
 @njit(cache=True, error_model="numpy")
@@ -175,8 +215,9 @@ def table_fuel(fuel, low, high, g, place, force):
 
 @njit(cache=True, error_model="numpy")
 def best_action(
-    energy, gear, k, ds, grade_force, top, count, slow_speed, step, drag, mass, fuel, low, high, coast_force,
-    coast_fuel, coast_mass, time_value, shift_price, restart_price, slow_price, up, down, value,
+    energy, gear, k, ds, grade_force, top, lowest, beyond, count, slow_speed, step, drag, mass, fuel, low,
+    high, coast_force, coast_fuel, coast_mass, time_value, shift_price, restart_price, slow_price, up, down,
+    hold_first, hold_width, hold_cost, hold_slope, hold_depth, value,
 ):  # fmt: skip
     """The best step from any `energy` at place k, coming in `gear`: (cost to go, E', gear, J of fuel).
 
@@ -185,13 +226,13 @@ def best_action(
     gears = fuel.shape[0]
     d = ds[k]
     top_next, count_next, ahead = top[k + 1], count[k + 1], value[k + 1]
+    floor, ceiling = lowest[k + 1], beyond[k + 1]
     start = min(int(2.0 * energy / step + 0.5), len(coast_force) - 1)
     answer_cost, answer_energy, answer_gear, answer_fuel = BIG, min(energy, top_next), 0, 0.0
-    first = max(int(np.ceil((energy - down * d) / step)), 0)
-    last = count_next - 1
+    last = ceiling - 1
     if energy + up * d < top_next:
-        last = min(int((energy + up * d) / step), count_next - 1)
-    first = min(first, count_next - 1)
+        last = min(int((energy + up * d) / step), last)
+    first = min(max(int(np.ceil((energy - down * d) / step)), floor), ceiling - 1)
     for candidate in range(first, last + 3):
         rolling = candidate == last + 2
         if rolling:
@@ -208,14 +249,16 @@ def best_action(
         if energy + target <= 0.0:
             continue
         dt, dawdled = interval_time(energy, target, d, slow_speed[k], slow_price)
-        base = time_value * dt + dawdled
+        priced = time_value * dt + dawdled
         a = (target - energy) / d
         place = (energy + target) / step
         row = min(int(place + 0.5), len(coast_force) - 1)
         force_road = grade_force[k] + drag * 0.5 * (energy + target)
+        base, lean, bend = hold_line(hold_first, hold_width, hold_cost, hold_slope, hold_depth, row, force_road)
+        held = d * (base + a * (lean * mass[gears - 1] + a * bend))
         if rolling or coast_mass[row] * a + force_road <= coast_force[row] + 1e-6:
             burnt = d * coast_fuel[row]
-            total = base + burnt + value_at(ahead[0], target, count_next, top_next, step)
+            total = priced + max(burnt, held) + value_at(ahead[0], target, floor, ceiling, count_next, top_next, step)
             if a < -down:
                 total += PANIC * mass[0] * (-down - a) * d
             if total < answer_cost:
@@ -229,7 +272,9 @@ def best_action(
             burnt = d * table_fuel(fuel, low, high, g, place, mass[g] * a + force_road)
             if burnt >= IMPOSSIBLE:
                 continue
-            total = base + burnt + value_at(ahead[g + 1], target, count_next, top_next, step)
+            total = (
+                priced + max(burnt, held) + value_at(ahead[g + 1], target, floor, ceiling, count_next, top_next, step)
+            )
             if gear == 0:
                 total += restart_price
             elif gear != g + 1 and gear > 0:
@@ -240,11 +285,12 @@ def best_action(
 
 
 @njit(cache=True, error_model="numpy")
-def slope(value, energy, count, top, step):
+def slope(value, energy, lowest, beyond, count, top, step):
     """-dV/dE, J per m2/s2, by a central difference of one node's width, never negative, finite nodes only."""
     high = min(energy + step, top)
     low = max(min(energy, top) - step, 0.0)
-    upper, lower = value_at(value, high, count, top, step), value_at(value, low, count, top, step)
+    upper = value_at(value, high, lowest, beyond, count, top, step)
+    lower = value_at(value, low, lowest, beyond, count, top, step)
     if upper >= IMPOSSIBLE or lower >= IMPOSSIBLE or high <= low:
         return 0.0
     return max((lower - upper) / (high - low), 0.0)
@@ -252,8 +298,9 @@ def slope(value, energy, count, top, step):
 
 @njit(cache=True, error_model="numpy")
 def act(
-    places, energies, coming, chained, ds, grade_force, top, count, slow_speed, step, drag, mass, fuel, low, high,
-    coast_force, coast_fuel, coast_mass, time_value, shift_price, restart_price, slow_price, up, down, value,
+    places, energies, coming, chained, ds, grade_force, top, lowest, beyond, count, slow_speed, step, drag, mass, fuel,
+    low, high, coast_force, coast_fuel, coast_mass, time_value, shift_price, restart_price, slow_price, up,
+    down, hold_first, hold_width, hold_cost, hold_slope, hold_depth, value,
 ):  # fmt: skip
     """Best actions at stages `places` (q,), `energies` (q,), coming in gears `coming` (q,; -1 free to choose).
 
@@ -269,9 +316,10 @@ def act(
         if not chained:
             energy, gear = energies[q], coming[q]
         cost[q], ends[q], gears[q], burnt[q] = best_action(
-            energy, gear, k, ds, grade_force, top, count, slow_speed, step, drag, mass, fuel, low, high, coast_force,
-            coast_fuel, coast_mass, time_value, shift_price, restart_price, slow_price, up, down, value,
+            energy, gear, k, ds, grade_force, top, lowest, beyond, count, slow_speed, step, drag, mass, fuel, low,
+            high, coast_force, coast_fuel, coast_mass, time_value, shift_price, restart_price, slow_price, up, down,
+            hold_first, hold_width, hold_cost, hold_slope, hold_depth, value,
         )  # fmt: skip
-        worth[q] = slope(value[k, gears[q]], energy, count[k], top[k], step)
+        worth[q] = slope(value[k, gears[q]], energy, lowest[k], beyond[k], count[k], top[k], step)
         energy, gear = ends[q], gears[q]
     return cost, ends, gears, burnt, worth

@@ -3,14 +3,15 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.route_kernel import BIG, PANIC
+from controller.route_kernel import BIG, PANIC, hold_line
 
 
 def sweep(
-    ds, grade_force, top, count, slow_speed, step, drag, mass, fuel, low, high, coast_force, coast_fuel, coast_mass,
-    time_value, shift_price, restart_price, slow_price, up, down, value: NDArray[np.float64],
+    ds, grade_force, top, lowest, beyond, count, slow_speed, step, drag, mass, fuel, low, high, coast_force, coast_fuel,
+    coast_mass, time_value, shift_price, restart_price, slow_price, up, down, hold_first, hold_width, hold_cost,
+    hold_slope, hold_depth, value: NDArray[np.float64],
 ) -> None:  # fmt: skip
-    """Same arguments, same result in `value` (K+1, G+1, n) as the compiled sweep; arrays over (node, target)."""
+    """Same arguments, same `value` (K+1, G+1, n) as the compiled sweep over all nodes (it knows no corridor)."""
     gears, rows, levels = fuel.shape
     for k in range(len(ds) - 1, -1, -1):
         here = np.append(np.arange(count[k] - 1) * step, top[k])[:, None]
@@ -36,10 +37,19 @@ def sweep(
                 price = price + slow_price * np.maximum(dt - d / slow_speed[k], 0.0)
         reachable = (target_index >= first) & (target_index <= last) & (mean > 0.0)
 
+        energies = 0.5 * step * np.arange(rows)
+        lines = [
+            hold_line(hold_first, hold_width, hold_cost, hold_slope, hold_depth, r, grade_force[k] + drag * e)
+            for r, e in enumerate(energies)
+        ]
+        base, lean, bend = (np.array(part) for part in zip(*lines, strict=True))
+        lean = mass[-1] * lean
+        line = base[row] + acceleration * (lean[row] + acceleration * bend[row])
+
         chosen = np.full((gears + 1, count[k]), BIG)
         off = reachable & (coast_mass[row] * acceleration + load <= coast_force[row] + 1e-6)
         panic = np.where(acceleration < -down, PANIC * mass[0] * (-down - acceleration) * d, 0.0)
-        chosen[0] = np.min(np.where(off, price + d * coast_fuel[row] + ahead[0] + panic, BIG), axis=1)
+        chosen[0] = np.min(np.where(off, price + d * np.maximum(coast_fuel[row], line) + ahead[0] + panic, BIG), axis=1)
         drive = reachable & ~off & (acceleration >= -down)
         for g in range(gears):
             force = mass[g] * acceleration + load
@@ -50,14 +60,16 @@ def sweep(
             x = np.where(usable, x, 0.0)
             q = np.minimum(x.astype(int), levels - 2)
             burnt = fuel[g, row, q] + (x - q) * (fuel[g, row, q + 1] - fuel[g, row, q])
-            chosen[g + 1] = np.min(np.where(usable, price + d * burnt + ahead[g + 1], BIG), axis=1)
+            chosen[g + 1] = np.min(np.where(usable, price + d * np.maximum(burnt, line) + ahead[g + 1], BIG), axis=1)
 
         energy = here[:, 0]
         rolled = energy + d * (coast_force[start] - grade_force[k] - drag * energy) / coast_mass[start]
         fits = (rolled > 0.0) & (rolled <= top[k + 1]) & (rolled >= energy - down * d) & (rolled <= energy + up * d)
         landed = np.where(fits, rolled, 1.0)
         dt = d / (0.5 * (np.sqrt(2.0 * energy) + np.sqrt(2.0 * landed)))
-        total = time_value * dt + d * coast_fuel[start] + np.interp(landed, there[0], ahead[0])
+        a = (landed - energy) / d
+        held = base[start] + a * (lean[start] + a * bend[start])
+        total = time_value * dt + d * np.maximum(coast_fuel[start], held) + np.interp(landed, there[0], ahead[0])
         if slow_speed[k] > 0.0:
             total = total + slow_price * np.maximum(dt - d / slow_speed[k], 0.0)
         chosen[0] = np.where(fits, np.minimum(chosen[0], total), chosen[0])
