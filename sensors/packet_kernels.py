@@ -68,9 +68,9 @@ def _better(data, at, end, stop):
     """Tell whether valid packets that begin inside [at + 1, end) explain the bytes better than the one at `at`.
 
     Then what begins at `at` is damage whose check came out right by accident (1 in 256), and must not swallow good
-    packets: when one or several in a row reach beyond `end` and are followed by something legal, while nothing legal
-    follows `end`; when a text, whose length can be anything, holds a whole packet (NMEA never holds 0xFF); and when a
-    packet inside ends in the same byte, so that `at` may be the torn head of another that was lost before it.
+    packets: when one or several in a row reach beyond `end` while no packet's head follows `end`; when a text, whose
+    length can be anything, holds a whole packet (NMEA never holds 0xFF); and when a packet inside ends in the same
+    byte, so that `at` may be the torn head of another that was lost before it.
     """
     text = PAYLOAD[data[at + 1]] == 0
     if not text and _ends_alike(data, at, end):
@@ -91,7 +91,8 @@ def _better(data, at, end, stop):
             if after > stop or not _check(data, reach):
                 break
             reach = after
-        if reach > end and _follows(data, reach, stop):
+        # A text is a right check alone, 1 in 256: what follows it must be legal too.
+        if reach > end and (PAYLOAD[data[other + 1]] > 0 or _follows(data, reach, stop)):
             return True
     return False
 

@@ -37,7 +37,8 @@ def is_explained_better(data: bytes, at: int) -> bool:
             reach = other + 3 + data[other + 2]
             while reach < end and is_packet(data, reach):
                 reach += 3 + data[reach + 2]
-            if text or (reach > end and could_follow(data, reach)):
+            fixed = int(PAYLOAD[data[other + 1]]) > 0
+            if text or (reach > end and (fixed or could_follow(data, reach))):
                 return True
     return False
 

@@ -169,6 +169,15 @@ def test_a_torn_head_does_not_swallow_the_packet_that_ends_where_it_would_end(to
     assert log.damage == {"false_packet": 1, "bytes_skipped": lost}
 
 
+def test_a_torn_head_does_not_swallow_a_good_packet_that_damage_follows():
+    good = packet(3, struct.pack("<IB", 7_000_001, 99))
+    torn_head = next(
+        head for junk in range(256) if packet_reference.is_packet((head := bytes([0xFF, 7, 7, 1, junk])) + good[:5], 0)
+    )
+    log = decode(torn_head + good + b"\xff\x01\xac" + bytes(range(40, 50)))
+    assert (len(log["wheel"]), len(log["compass"])) == (1, 0)
+
+
 def test_a_packet_in_the_middle_of_a_payload_is_payload():
     inside = packet(3, struct.pack("<IB", 1, 2))
     outer = packet(1, inside + b"x")
