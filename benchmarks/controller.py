@@ -15,7 +15,8 @@ from controller.advice import RoadAhead
 from controller.controller_model import THESIS
 from controller.direct import solve_phases
 from controller.problem import acceleration_problem
-from controller.route import _Problem, plan_route, plan_route_in_time
+from controller.route import plan_route, plan_route_in_time
+from controller.route_problem import RouteProblem
 from observer.efficiency_map import FuelMap
 from vehicle_model.car.parameters import Car, Engine, Injector
 
@@ -97,7 +98,7 @@ def shooting_six_speed(repeats: int = 50) -> list[Row]:
 
 def dp_sweep_5km(repeats: int = 15) -> list[Row]:
     """One sweep of 5 km: 200 stages x 200 energies x 6 gears; reference: the same sweep in numpy."""
-    problem = _Problem.build(_road(5000.0), _willans(), _car(), 0.0, 0.0, None, None, 25.0, 200, None)
+    problem = RouteProblem.build(_road(5000.0), _willans(), _car(), 0.0, 0.0, None, None, 25.0, 200, None)
     problem.value_function(1e4)
     value = _least(lambda: problem.value_function(1e4), repeats)
     table = problem.value_function(1e4)

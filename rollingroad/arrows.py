@@ -150,7 +150,9 @@ def first_prices(road: RoadAhead, table: FuelMap, car: Car, baseline: Trip) -> t
     moving = float(np.count_nonzero(c["speed"] > 0.3) * baseline.step)
     start, end = float(c["speed"][0]), float(c["speed"][-1])
     try:
-        plan = plan_route_in_time(road, table, car, start_speed=start, end_speed=end, trip_time=moving)
+        plan = plan_route_in_time(
+            road, table, car, start_speed=start, end_speed=end, trip_time=moving, policy_step=None, certify=False
+        )
         price = plan.time_value
     except BadInput:  # the baseline was faster or slower than the plan can be
         price = FIRST_PRICE

@@ -121,9 +121,9 @@ def test_bad_input_names_the_nearest_feasible(smart, willans):
 
 def test_the_compiled_sweep_equals_the_readable_one(smart, willans):
     from controller import route_kernel, route_reference
-    from controller.route import _Problem
+    from controller.route_problem import RouteProblem
 
-    problem = _Problem.build(hilly(1200), willans, smart, 5.0, 12.0, None, None, 20.0, 90, None)
+    problem = RouteProblem.build(hilly(1200), willans, smart, 5.0, 12.0, None, None, 20.0, 90, None)
     fast = problem.value_function(9_000.0)
     slow = np.full_like(fast, route_kernel.BIG)
     slow[-1] = fast[-1]
@@ -225,13 +225,29 @@ def test_rolling_pulses_are_forbidden_too(smart, willans):
 @pytest.mark.parametrize("allowed", [True, False])
 def test_the_compiled_sweep_equals_the_readable_one_on_a_map_that_is_not_convex(smart, dented, allowed):
     from controller import route_kernel, route_reference
-    from controller.route import _Problem
+    from controller.route_problem import RouteProblem
 
     comfort = Comfort(pulse_and_glide=allowed)
-    problem = _Problem.build(hilly(800), dented, smart, 12.0, 12.0, None, comfort, 20.0, 90, None)
+    problem = RouteProblem.build(hilly(800), dented, smart, 12.0, 12.0, None, comfort, 20.0, 90, None)
     fast = problem.value_function(9_000.0)
     slow = np.full_like(fast, route_kernel.BIG)
     slow[-1] = fast[-1]
     route_reference.sweep(*problem.arguments(9_000.0, slow))
     known = (fast < route_kernel.IMPOSSIBLE) & (slow < route_kernel.IMPOSSIBLE)
     assert fast[known] == pytest.approx(slow[known], rel=1e-10)
+
+
+def test_a_plan_sought_in_a_corridor_is_the_plan_of_the_whole_grid(smart, willans, dented):
+    for fuel_map in (willans, dented):
+        for price in (4e3, 15e3):
+            settings = dict(start_speed=0.0, end_speed=0.0, time_value=price)
+            whole = plan_route(hilly(5000), fuel_map, smart, **settings)
+            narrow = plan_route(hilly(5000), fuel_map, smart, **settings, policy_step=None)
+            assert narrow.speed == pytest.approx(whole.speed, abs=1e-9)
+            assert narrow.trip_fuel == pytest.approx(whole.trip_fuel, rel=1e-12)
+            assert narrow.policy_speed.size == 0
+    settings = dict(start_speed=0.0, end_speed=0.0, trip_time=330.0)
+    whole = plan_route_in_time(hilly(5000), willans, smart, **settings)
+    narrow = plan_route_in_time(hilly(5000), willans, smart, **settings, policy_step=None)
+    assert narrow.time_value == whole.time_value
+    assert narrow.trip_time == pytest.approx(whole.trip_time, rel=1e-12)
