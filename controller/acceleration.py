@@ -448,7 +448,8 @@ def _bellman_cvt(model: ControllerModel, start: float, target: float, duration: 
 def _follow(model, problem: Problem, speeds, costate, start, target, duration) -> NDArray[np.float64]:
     """Drive by the value function's slope: rows (t, v, lambda, J, gear, w, T, H), explicit steps of 20 ms."""
     p, ratios = model.kernel_parameters(), np.asarray(model.ratios, float)
-    rows, t, v, cost, dt = [], 0.0, start, 0.0, 0.02
+    rows: list[tuple[float, ...]] = []
+    t, v, cost, dt = 0.0, start, 0.0, 0.02
     limit = duration if duration is not None else 1e4
     while t < limit - 1e-9 and len(rows) < ROWS and (duration is not None or v < target):
         to_go = 0.0 if duration is None else (duration - t) / duration * (len(costate) - 1)

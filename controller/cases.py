@@ -44,6 +44,7 @@ def _stepless(car: Car | None) -> ControllerModel:
 def _accelerate(
     case: str, model: ControllerModel, start: float, target: float, duration: float | None, methods: tuple[str, ...]
 ) -> list[Solution]:
+    solvers: dict[str, Callable[..., Solution]]
     solvers = {"indirect": acceleration.shoot, "direct": acceleration.direct, "dp": acceleration.dynamic_programming}
     return [solvers[m](model, start, target, duration, case=case) for m in methods]
 

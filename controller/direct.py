@@ -10,6 +10,7 @@ import itertools
 import time as clock
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -89,7 +90,7 @@ def solve_phases(
     middle = list(guess_control) if guess_control is not None else middle
 
     functions = {m: _mode_functions(problem, m) for m in set(sequence)}
-    points, states, controls, modes, dts = [], [], [], [], []
+    states, controls, modes, dts = [], [], [], []
     x = variable("x0", list(np.asarray(problem.start) / scale), [-ca.inf] * nx, [ca.inf] * nx)
     require(x - np.asarray(problem.start) / scale, 0.0, 0.0)
     continuity.append((0, 0))
@@ -138,7 +139,8 @@ def solve_phases(
 
     cost_scale = 1.0 / max(problem_cost_scale(problem), 1e-9)
     nlp = {"x": ca.vertcat(*variables), "f": cost * cost_scale, "g": ca.vertcat(*constraints)}
-    options = {"ipopt.print_level": 0, "print_time": 0, "ipopt.sb": "yes", "ipopt.tol": 1e-9, "ipopt.max_iter": 600}
+    options: dict[str, Any] = {"ipopt.print_level": 0, "print_time": 0, "ipopt.sb": "yes"}
+    options |= {"ipopt.tol": 1e-9, "ipopt.max_iter": 600}
     solver = ca.nlpsol("solver", "ipopt", nlp, options)
     answer = solver(x0=first, lbx=low, ubx=high, lbg=c_low, ubg=c_high)
     if not solver.stats()["success"]:

@@ -8,6 +8,7 @@ coefficients. The kernel (a Gaussian process on the logarithm of the ratio) take
 
 from dataclasses import dataclass, replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -145,7 +146,7 @@ def _solve(places: NDArray, residual: NDArray, noise: NDArray, amplitude: float)
     return np.tril(factor[0]), cho_solve(factor, residual)
 
 
-def _scores(fit: Fit, cells: Cells) -> dict[str, float]:
+def _scores(fit: Fit, cells: Cells) -> dict[str, Any]:
     power = fit.fuel_power(cells.engine_speed, cells.torque)
     eta = fit.efficiency(cells.engine_speed, cells.torque)
     return {"r2": r_squared(cells.fuel_power, power), "r2_efficiency": r_squared(cells.efficiency, eta)}

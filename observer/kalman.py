@@ -1,6 +1,7 @@
 """The extended Kalman filter in the three time domains of A.2, the linear Kalman filter, the Luenberger observer."""
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,7 +62,7 @@ def integrate_continuous(
 
         # the reading at the middle of the step stands for the step
         reading = measured(t + 0.5 * dt)
-        y = runge_kutta(lambda state, reading=reading: rate(state, reading), np.column_stack([x, P]), dt)
+        y = runge_kutta(partial(rate, reading=reading), np.column_stack([x, P]), dt)
         x, P = y[:, 0], 0.5 * (y[:, 1:] + y[:, 1:].T)
         t += dt
     return x, P

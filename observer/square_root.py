@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 
 def lower_factor(wide: Array) -> Array:
     """Return L (n, n), lower, with L L' = `wide` `wide`': the *L* factor of an LQ factorisation (ERRATA on A.22)."""
-    return np.linalg.qr(wide.T, mode="r").T
+    return np.asarray(np.linalg.qr(wide.T, mode="r")).T
 
 
 def predict(system: System, x: Array, S: Array, noise_factor: Array, dt: float) -> tuple[Array, Array]:

@@ -37,7 +37,7 @@ class Spread:
         return mean, covariance
 
 
-def sigma_points(x: Array, S: Array, spread: Spread) -> Array:
+def sigma_points(x: Array, S: NDArray[np.floating], spread: Spread) -> Array:
     """Return the points (2 n + 1, n) about `x` (n,), from the lower factor `S` (n, n)."""
     offset = np.sqrt(spread.scale(len(x))) * S.T
     return np.vstack([x, x + offset, x - offset])

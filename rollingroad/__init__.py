@@ -26,7 +26,7 @@ class _OnceGymnasiumLoads:
                 run(module)
                 _register()
 
-            spec.loader.exec_module = run_and_register
+            spec.loader.exec_module = run_and_register  # type: ignore[method-assign]
         return spec
 
 

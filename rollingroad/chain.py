@@ -35,11 +35,12 @@ def run_chain(
         pending = pool.submit(drive_scenario, task, network)
         # The oracle waits for nothing but the baseline: it drives while the kernels compile here.
         oracle_started: SimpleQueue[Future] = SimpleQueue()
-        pending.add_done_callback(
-            lambda done: (
-                done.exception() or oracle_started.put(pool.submit(follow_as_oracle, task, network, done.result()))
-            )
-        )
+
+        def start_oracle(done: Future) -> None:
+            if not done.exception():
+                oracle_started.put(pool.submit(follow_as_oracle, task, network, done.result()))
+
+        pending.add_done_callback(start_oracle)
         pool.submit(warm_up_planner)
         warm_up_observer()
         compiled = watch.total

@@ -7,6 +7,7 @@ not digit by digit. `benchmarks.diesel_studies` prints their tables, `rollingroa
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,14 +30,14 @@ NODES = np.arange(1, 13) * 0.05
 ERROR = np.array([-0.02, 0.01, 0.05, 0.07, 0.06, 0.03, 0.0, -0.03, -0.05, -0.04, -0.02, 0.0])
 """The air-flow sensor's relative error at `NODES` kg/s."""
 TO_SHOWN = np.array([1.0, 1.0, 30.0 / np.pi, 1.0])
-VARIANTS: Mapping[str, Mapping] = {
+VARIANTS: Mapping[str, Mapping[str, Any]] = {
     "Def.": {},
     "Aug.": {"additive": True, "augmentation_walk": 0.02, "augmentation_start": 0.02},
     "Map.": {"nodes": NODES, "node_walk": 1e-4, "node_start": 0.05},
 }
 """Seed 002's observers: as they are, with one fast bias of the air flow, with a map of it."""
-AIR_ALONE = {"sensors": (3,), "noise": (AIR_NOISE,), "walk": WALK}
-THREE = {"sensors": (0, 2, 3), "noise": (500.0, 20.0, AIR_NOISE), "walk": WALK}
+AIR_ALONE: Mapping[str, Any] = {"sensors": (3,), "noise": (AIR_NOISE,), "walk": WALK}
+THREE: Mapping[str, Any] = {"sensors": (0, 2, 3), "noise": (500.0, 20.0, AIR_NOISE), "walk": WALK}
 
 
 def held_cycle(seed: int, points: int = 40) -> Array:

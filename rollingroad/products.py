@@ -184,15 +184,15 @@ def judged_map(learnt: Mapped, truth: Callable[[NDArray, NDArray], NDArray] | No
     """The "map" object of `run --json`; errors are None without a truth (a real car's logs)."""
     found, fit = learnt.efficiency_map, default_fit(dict(learnt.fits))
     cells = int(found.valid.sum())
-    known = truth is not None and cells > 0
+    known = truth if cells else None
     return {
         "cells": cells,
         "fuel_share": found.fuel_share,
-        "rmse": map_error(found, truth) if known else None,
+        "rmse": None if known is None else map_error(found, known),
         "fit": fit.name,
-        "fit_rmse": fit_error(found, fit, truth) if known else None,
+        "fit_rmse": None if known is None else fit_error(found, fit, known),
         "r2": fit.r2,
-        "peak_value_error": peak_value_error(found, fit, truth) if known else None,
+        "peak_value_error": None if known is None else peak_value_error(found, fit, known),
     }
 
 

@@ -7,6 +7,7 @@ are ours (see the DBC's comment). Where the Vss line is dead, the bus is the odo
 from collections.abc import Iterator
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import can
 import cantools
@@ -115,7 +116,7 @@ def read_can_log(path: Path, dbc: str | Path = "") -> SensorLog:
                 first = frame.timestamp if first is None else first
                 t = frame.timestamp - first
                 try:
-                    found = table.decode_message(frame.arbitration_id, bytes(frame.data), decode_choices=False)
+                    found: Any = table.decode_message(frame.arbitration_id, bytes(frame.data), decode_choices=False)
                 except KeyError:
                     damage["unknown_frame"] += 1
                     continue
@@ -123,11 +124,11 @@ def read_can_log(path: Path, dbc: str | Path = "") -> SensorLog:
                     damage["bad_frame"] += 1
                     continue
                 if all(name in found for name in WHEELS):
-                    rows["speed"].append((t, sum(float(found[name]) for name in WHEELS) / 4.0 / 3.6))  # type: ignore[arg-type]
+                    rows["speed"].append((t, sum(float(found[name]) for name in WHEELS) / 4.0 / 3.6))
                 if "EngineSpeedFine" in found:
-                    rows["engine_speed"].append((t, float(found["EngineSpeedFine"]) / RPM))  # type: ignore[arg-type]
+                    rows["engine_speed"].append((t, float(found["EngineSpeedFine"]) / RPM))
                 if "FuelConsumption" in found:
-                    rows["fuel"].append((t, float(found["FuelConsumption"]) * per_litre_hour))  # type: ignore[arg-type]
+                    rows["fuel"].append((t, float(found["FuelConsumption"]) * per_litre_hour))
     except (OSError, ValueError, can.CanError) as error:
         raise BadInput(path, "", f"a log of CAN frames that python-can reads ({str(error).splitlines()[0]})") from error
     if not any(rows.values()):

@@ -62,8 +62,8 @@ def write_track(
     )]  # fmt: skip
     for number in np.unique(shade):
         red, green, blue = (int(part) for part in colours[number])
-        line = fastkml.LineStyle(color=f"ff{blue:02x}{green:02x}{red:02x}", width=5.0)
-        styles.append(fastkml.Style(id=f"speed{number}", styles=[line]))
+        stroke = fastkml.LineStyle(color=f"ff{blue:02x}{green:02x}{red:02x}", width=5.0)
+        styles.append(fastkml.Style(id=f"speed{number}", styles=[stroke]))
     document = fastkml.Document(name=name, styles=styles)
     places = np.column_stack((longitude, latitude, altitude)).round(7)
     path_folder = fastkml.Folder(name="speed, dark blue 0 to deep red 180 km/h")

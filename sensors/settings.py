@@ -1,6 +1,7 @@
 """Every number of the sensor box, in one place. The defaults are the *default box* of the figures."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -146,6 +147,6 @@ class BoxSettings:
     compass_deviation: float = float(np.radians(3.0))
     """rad, of the car's own iron, once per turn."""
 
-    def changed(self, **values: object) -> "BoxSettings":
+    def changed(self, **values: Any) -> "BoxSettings":
         """A copy with some fields changed."""
         return replace(self, **values)

@@ -29,7 +29,7 @@ OVERRUN = 2.0
 
 def lane_path(net: NetFile, edges: tuple[str, ...]) -> list[tuple[int, int, Link | None]]:
     """For each edge the lane entered on, the lane left on and the link taken, with the fewest lane changes."""
-    cost = {lane: (0.0, []) for lane in range(len(net.edges[edges[0]].lanes))}
+    cost: dict[int, tuple[float, list]] = {lane: (0.0, []) for lane in range(len(net.edges[edges[0]].lanes))}
     for here, there in itertools.pairwise(edges):
         onward: dict[int, tuple[float, list]] = {}
         for link in net.links[here, there]:

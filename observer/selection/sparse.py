@@ -135,7 +135,10 @@ class SparseDesign:
                 if np.abs(use - before).max() < tolerance:
                     break
         count = float(np.sum(use / (use + epsilon)))
-        gains = tuple(back @ np.linalg.solve(p.value, y.value) / deviation for p, y, back, deviation in self._pieces)
+        gains = tuple(
+            back @ np.linalg.solve(np.asarray(p.value), np.asarray(y.value)) / deviation
+            for p, y, back, deviation in self._pieces
+        )
         return Design(alpha, float(self._cost.value) * self.full, use, count, gains)
 
 

@@ -59,9 +59,10 @@ def solve(
         return 0
     methods = tuple(part.strip() for part in method.split(",") if part.strip()) or METHODS
     solutions = solve_case(case, methods, read_car(car) if car else None)
-    result = {"case": case, "solutions": [solution.row() for solution in solutions]}
+    rows = [solution.row() for solution in solutions]
+    result = {"case": case, "solutions": rows}
     print_json(result) if json else solve_table(result)
-    return 0 if any(row["certificate"]["refused"] is None for row in result["solutions"]) else 1
+    return 0 if any(row["certificate"]["refused"] is None for row in rows) else 1
 
 
 scenarios = typer.Typer(help="What there is to drive; whether a file is valid.", no_args_is_help=True)

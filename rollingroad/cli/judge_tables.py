@@ -73,12 +73,11 @@ def regress_table(rows: Sequence[Difference], scenarios: int, kept: Path) -> Non
         table.add_column(name, justify="left" if name in ("scenario", "metric", "") else "right")
     shown = [row for row in rows if row.fell_short or _moved(row) > 0.1]
     for row in sorted(shown, key=lambda row: (not row.fell_short, -_moved(row))):
-        known = row.was is not None and row.now is not None
         table.add_row(
             row.scenario,
             row.metric,
             *("–" if value is None else f"{value:.4g}" for value in (row.was, row.now)),
-            f"{row.now - row.was:+.2g}" if known else "–",
+            "–" if row.was is None or row.now is None else f"{row.now - row.was:+.2g}",
             "–" if row.tolerance is None else f"{row.tolerance:.2g}",
             "fell short" if row.fell_short else "",
         )

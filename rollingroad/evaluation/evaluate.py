@@ -141,7 +141,8 @@ class _World:
     """A world with what was driven in it so far."""
 
     def __init__(self, world: World, run: Run, drives: str) -> None:
-        self.world, self.failed = world, []
+        self.world = world
+        self.failed: list[dict[str, Any]] = []
         self._run, self._drives = run, drives
         self._found: dict[Way, Found] = {}
         self._tasks = dict(world.tasks)
@@ -174,7 +175,7 @@ class _World:
         driven: dict[float, dict[int, Account]] = {}
 
         def at(prices: Sequence[float]) -> list[Consumption]:
-            asked = [
+            asked: list[tuple[str, int, dict[str, Any]]] = [
                 ("advised_drive", seed, {
                     "advisor_name": way.advisor, "knowledge": way.knowledge, "price": price, "perfect": way.perfect,
                 })

@@ -29,6 +29,10 @@ LITRE_100KM = 1e5
 """m."""
 
 
+def _share(part: float | None, whole: float | None) -> float | None:
+    return None if part is None or not whole else part / whole
+
+
 def regression_run(scenario: str) -> dict[str, Any]:
     """Run the scenario (name or file) under its own seed. Returns `metrics`, and the `broken` expectations.
 
@@ -48,6 +52,7 @@ def regression_run(scenario: str) -> dict[str, Any]:
     assert_same_until_advice(baseline, advised)
     cost, with_advice = consumption(baseline, task.car), consumption(advised, task.car)
     scores = observer_scores(estimate, baseline.trip)
+    rms = scores["thrust_rms_N"]
     found = judged_map(learnt, true_efficiency(task.car, task.plant_settings, [baseline.trip]))
     fused = estimate.records[estimate.records["fused"]]
     litre = 1e-3 * task.car.fuel.density * task.car.fuel.heating_value
@@ -56,8 +61,8 @@ def regression_run(scenario: str) -> dict[str, Any]:
         "fuel_MJ": cost.fuel / 1e6,
         "distance_km": cost.distance / 1e3,
         "vehicles": baseline.vehicles,
-        "thrust_error": scores["thrust_rmse_N"] / scores["thrust_rms_N"],
-        "thrust_error_smoothed": scores["thrust_rmse_smoothed_N"] / scores["thrust_rms_N"],
+        "thrust_error": _share(scores["thrust_rmse_N"], rms),
+        "thrust_error_smoothed": _share(scores["thrust_rmse_smoothed_N"], rms),
         "efficiency_rmse": scores["efficiency_rmse"],
         "nis_per_dof": float(np.mean(fused["nis"])) if len(fused) else None,
         "events": sum(len(stream) for stream in sensed.log.streams.values()),

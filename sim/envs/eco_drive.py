@@ -41,7 +41,7 @@ class EcoDrive(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     One libsumo per process: two of these in one process cannot drive at the same time; vectorise by processes.
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012 - gymnasium's own convention
+    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 - gymnasium's own convention
 
     def __init__(
         self,
