@@ -76,7 +76,7 @@ class AccelerationSynthesis:
         if view.distance < c.begin or view.speed > target + SETTLED or stop_ahead or _near_the_end(view):
             return None
         if view.speed > target - SETTLED:
-            gear = early_gear(c.car, view.speed, view.gear, accelerating=False)
+            gear = early_gear(c.car, view.speed, accelerating=False)
             return Suggestion(target - view.speed, gear)
         row = self._table[min(int(np.searchsorted(self._speeds, view.speed)), len(self._speeds) - 1)]
         costate, gear, _, _, acceleration, _ = row

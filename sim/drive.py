@@ -43,6 +43,8 @@ SPEEDOMETER = 1.04
 """Displayed over true speed: ECE R39 forbids a dial to show less and allows 10 % + 4 km/h more."""
 WALKING = 1.4
 """m/s of closing in below which a time to collision says nothing: rolling up in a queue."""
+HELD_UP = 0.3
+"""m/s2 less than advised from which traffic, not the advice, sets the gear."""
 ALARMING = 1.5
 """m/s2 of needed braking that makes him look up from the display: brake lights in the corner of the eye."""
 STOP_SHORT = 1.0
@@ -280,8 +282,9 @@ def _run(
                 coast = suggestion.coast
                 if speed <= cap[index]:
                     wanted = obedience.miss(suggestion.acceleration)
-                advised_gear = suggestion.gear
                 followed = wanted < wish
+                # The gear belongs to the acceleration: where traffic allows clearly less, he picks his own.
+                advised_gear = suggestion.gear if wish > wanted - HELD_UP else 0
                 tally.advised += followed
             elif style.coasts_before_stop and _stop_ahead(stopping, light, left, gap, leader_speed, style):
                 coast = speed > CRAWL + 0.3

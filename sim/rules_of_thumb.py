@@ -15,6 +15,10 @@ BRISK = 1.8
 """m/s2: "accelerate briskly rather than gently"."""
 SHIFT_UP, LOWEST = 2_400.0 * RPM, 1_350.0 * RPM
 """rad/s: up while accelerating; and the least at a steady speed."""
+PUSH = 0.4
+"""m/s2 from which it is an acceleration, and the gear is chosen for one."""
+TOLERANCE = 0.5
+"""m/s above the speed that rolling allows before the foot goes off: else it would go on and off at each limit."""
 CRAWL = 5.0
 """m/s at which one rolls up to a red light."""
 
@@ -28,14 +32,13 @@ def rolling_cap(road: RoadAhead, braking: float = COAST) -> NDArray[np.float64]:
     return np.sqrt(square)
 
 
-def early_gear(car: Car, speed: float, gear: int, *, accelerating: bool) -> int:
-    """The instructor's gear: up at 2,400 rpm, at a steady speed the highest above 1,350 rpm."""
+def early_gear(car: Car, speed: float, *, accelerating: bool) -> int:
+    """The instructor's gear: at a steady speed the highest above 1,350 rpm; accelerating, the lowest below 2,400 rpm."""
     turning = np.asarray(car.gear_ratios) / car.wheel_radius * speed
-    highest = int(np.count_nonzero(turning >= LOWEST))
-    if not accelerating or gear < 1:
-        return max(highest, 1)
-    up = gear + 1 if turning[gear - 1] > SHIFT_UP else gear
-    return max(min(up, max(highest, 1)), 1)
+    highest = max(int(np.count_nonzero(turning >= LOWEST)), 1)
+    if not accelerating:
+        return highest
+    return min(int(np.count_nonzero(turning > SHIFT_UP)) + 1, highest)
 
 
 @dataclass(frozen=True)
@@ -81,9 +84,9 @@ class Coach:
         rolling = float(np.interp(view.distance, c.road.s, self._rolling))
         if v > limit:
             return Suggestion((limit - v) / 1.0, view.gear)
-        if worth_gliding(view) or _ends_here(view) or v > rolling:
+        if worth_gliding(view) or _ends_here(view) or v > rolling + TOLERANCE:
             return Suggestion(-COAST, view.gear, coast=True)
         # Nobody accelerates towards a red light.
         ahead = max(v, CRAWL) if view.signal_state in ("red", "yellow") else rolling
         wanted = min(BRISK, ahead - v, rolling - v)
-        return Suggestion(wanted, early_gear(c.car, v, view.gear, accelerating=wanted > 0.4))
+        return Suggestion(wanted, early_gear(c.car, v, accelerating=wanted > PUSH))
