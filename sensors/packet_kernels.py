@@ -108,7 +108,7 @@ def _shares_its_check(data, end, stop):
     if end + 3 <= stop and _header(data, end) == 0:
         return False
     reach = end + 2 + data[end + 1]
-    return reach <= stop and _check(data, end - 1) and _follows(data, reach, stop)
+    return reach <= stop and _check(data, end - 1) and (PAYLOAD[data[end]] > 0 or _follows(data, reach, stop))
 
 
 @njit(cache=True, error_model="numpy")

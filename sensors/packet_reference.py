@@ -47,7 +47,7 @@ def shares_its_check(data: bytes, end: int) -> bool:
     """Whether the check before `end` is also the preamble of a packet whose own preamble was lost: both are good."""
     if is_head(data, end) or not is_packet(data, end - 1):
         return False
-    return could_follow(data, end + 2 + data[end + 1])
+    return int(PAYLOAD[data[end]]) > 0 or could_follow(data, end + 2 + data[end + 1])
 
 
 def scan(data: bytes) -> list[int]:

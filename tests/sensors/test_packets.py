@@ -144,6 +144,8 @@ def test_a_check_that_stands_in_for_a_lost_preamble_costs_neither_packet():
     log = decode(first + second[1:] + packet(3, struct.pack("<IB", 9, 1)))
     assert (len(log["wheel"]), len(log["injector"])) == (2, 1)
     assert log.damage == {"bad_preamble": 1}
+    damaged = decode(first + second[1:] + b"\xff\x01\xac" + bytes(range(40, 50)))
+    assert (len(damaged["wheel"]), len(damaged["injector"])) == (1, 1)
 
 
 @pytest.mark.parametrize(("torn", "lost"), [(1, 4), (6, 4), (1, 5), (6, 5)])
