@@ -366,7 +366,7 @@ def _safe_wish(
     if leader:
         allowed = (traffic.follow_speed(speed, gap, leader, leader_speed, style.acceleration) - speed) / PERIOD
     if stop < math.inf:
-        allowed = min(allowed, (traffic.stop_speed(speed, stop - STOP_SHORT) - speed) / PERIOD)
+        allowed = min(allowed, (traffic.stop_speed(speed, stop - STOP_SHORT, style.acceleration) - speed) / PERIOD)
     if left < 30.0 + speed * speed / (2.0 * 1.0):
         allowed = min(allowed, _halt(speed, left - 1.5))
     if speed < 1.5:

@@ -33,7 +33,7 @@ def rolling_cap(road: RoadAhead, braking: float = COAST) -> NDArray[np.float64]:
 
 
 def early_gear(car: Car, speed: float, *, accelerating: bool) -> int:
-    """The instructor's gear: at a steady speed the highest above 1,350 rpm; accelerating, the lowest below 2,400 rpm."""
+    """The instructor's gear: the highest above 1,350 rpm at a steady speed, the lowest below 2,400 rpm accelerating."""
     turning = np.asarray(car.gear_ratios) / car.wheel_radius * speed
     highest = max(int(np.count_nonzero(turning >= LOWEST)), 1)
     if not accelerating:

@@ -4,6 +4,8 @@ import hashlib
 import math
 import os
 import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import libsumo
@@ -101,20 +103,26 @@ class Traffic:
     def follow_speed(self, speed: float, gap: float, leader: str, leader_speed: float, acceleration: float) -> float:
         """Speed of the ego's car-following model for the next step, at his own `acceleration` (m/s2).
 
-        A driver who was told to launch harder (`release`) still follows as he always does: in the IDM a larger
-        acceleration also means to brake later.
+        A driver who was told to launch harder (`release`) still follows and stops as he always does: in the IDM a
+        larger acceleration also means to brake later.
         """
         decel = libsumo.vehicle.getDecel(leader)
-        if self._released:
-            libsumo.vehicle.setAccel(EGO, acceleration)
-        found = libsumo.vehicle.getFollowSpeed(EGO, speed, gap, leader_speed, decel, leader)
-        if self._released:
-            libsumo.vehicle.setAccel(EGO, self._released)
-        return found
+        with self._own(acceleration):
+            return libsumo.vehicle.getFollowSpeed(EGO, speed, gap, leader_speed, decel, leader)
 
-    def stop_speed(self, speed: float, gap: float) -> float:
-        """Speed of the model in front of a place to stop at, `gap` m ahead."""
-        return libsumo.vehicle.getStopSpeed(EGO, speed, max(gap, 0.0))
+    def stop_speed(self, speed: float, gap: float, acceleration: float) -> float:
+        """Speed of the model in front of a place to stop at, `gap` m ahead, at his own `acceleration` (m/s2)."""
+        with self._own(acceleration):
+            return libsumo.vehicle.getStopSpeed(EGO, speed, max(gap, 0.0))
+
+    @contextmanager
+    def _own(self, acceleration: float) -> Iterator[None]:
+        if not self._released:
+            yield
+            return
+        libsumo.vehicle.setAccel(EGO, acceleration)
+        yield
+        libsumo.vehicle.setAccel(EGO, self._released)
 
     def signal(self) -> tuple[float, str]:
         """Distance (m) and state letter of the next signal within sight; (inf, "")."""
