@@ -59,6 +59,7 @@ def evaluate(
     from rollingroad.evaluation.store import Store
     from rollingroad.folder import write_json
     from rollingroad.task import make_task
+    from rollingroad.viz.evaluation_page import write_evaluation
     from scenarios.files import names
     from scenarios.schema import DriverKind
     from vehicle_model.car.errors import BadInput
@@ -78,7 +79,8 @@ def evaluate(
     with progress(quiet=json) as tell:
         found = evaluated(worlds, _listed(advisors), Store(out / "units"), workers=workers, cluster=cluster, tell=tell)
     write_json(out / "evaluation.json", found)
-    print_json(found) if json else evaluate_table(found)
+    write_evaluation(found, out / "evaluation.html")
+    print_json(found) if json else evaluate_table(found, out / "evaluation.html")
     return 0 if not found["failed"] and all(row["fair_saving_percent"] is not None for row in found["rows"]) else 1
 
 

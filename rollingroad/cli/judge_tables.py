@@ -27,8 +27,8 @@ def bench_table(found: Mapping[str, Any]) -> None:
     console().print(table)
 
 
-def evaluate_table(found: Mapping[str, Any]) -> None:
-    """Print what each advisor saved, and where the rest of what could be saved went."""
+def evaluate_table(found: Mapping[str, Any], page: Path) -> None:
+    """Print what each advisor saved, where the rest of what could be saved went, and where the `page` is."""
     out = console()
     savings = Table(title="saved at equal mean trip time, % of the baseline's fuel")
     losses = Table(title="lost to the oracle, % of the baseline's fuel")
@@ -59,6 +59,7 @@ def evaluate_table(found: Mapping[str, Any]) -> None:
         out.print(losses)
     for entry in found["failed"]:
         out.print("failed: " + ", ".join(f"{k} {v}" for k, v in entry.items() if k != "log"), soft_wrap=True)
+    out.print(f"as a page: {page}", soft_wrap=True)
 
 
 def _signed(value: float | None) -> str:

@@ -70,7 +70,7 @@ class Heat:
 
 @dataclass(frozen=True)
 class Bars:
-    """One horizontal bar per category, stacked on those of the marks before it in the panel."""
+    """One horizontal bar per category, stacked on those of the marks before it in the panel; losses and gains apart."""
 
     categories: tuple[str, ...]
     values: Array
@@ -78,7 +78,19 @@ class Bars:
     colour: str
 
 
-Mark = Line | Band | Span | Heat | Bars
+@dataclass(frozen=True)
+class Whiskers:
+    """One point per category with its interval, horizontal; NaN draws nothing, an interval of NaN draws none."""
+
+    categories: tuple[str, ...]
+    values: Array
+    low: Array
+    high: Array
+    name: str
+    colour: str
+
+
+Mark = Line | Band | Span | Heat | Bars | Whiskers
 
 
 @dataclass(frozen=True)

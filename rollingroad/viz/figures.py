@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from rollingroad.viz.charts import Band, Bars, Chart, Heat, Line, Mark, Panel, Span
+from rollingroad.viz.charts import Band, Bars, Chart, Heat, Line, Mark, Panel, Span, Whiskers
 
 _STYLE: dict[Any, Any] = {
     "font.family": "sans-serif",
@@ -52,7 +52,7 @@ def draw(chart: Chart, width: float = 6.4, *, titled: bool = False) -> Figure:
         named: list[str] = []
         for axes, panel in zip(grid, chart.panels, strict=True):
             named = _draw_panel(axes, panel, room, named)
-            if chart.beside and any(isinstance(mark, Bars) for mark in panel.marks):
+            if chart.beside and any(isinstance(mark, Bars | Whiskers) for mark in panel.marks):
                 axes.tick_params(labelleft=axes is grid[0])
         return figure
 
@@ -76,7 +76,7 @@ def save(figure: Figure, path: Path) -> None:
 
 def _draw_panel(axes: Axes, panel: Panel, room: int, said: list[str]) -> list[str]:
     """Draw `panel` with a legend `room` characters wide, unless it is `said` already; return the legend's names."""
-    filled: dict[str, float] = {}
+    filled: dict[str, tuple[float, float]] = {}
     for mark in panel.marks:
         _draw_mark(axes, mark, filled)
     axes.set(xlabel=panel.x_label, ylabel=panel.y_label, title=panel.title)
@@ -104,7 +104,7 @@ def _draw_panel(axes: Axes, panel: Panel, room: int, said: list[str]) -> list[st
     return list(unique)
 
 
-def _draw_mark(axes: Axes, mark: Mark, filled: dict[str, float]) -> None:
+def _draw_mark(axes: Axes, mark: Mark, filled: dict[str, tuple[float, float]]) -> None:
     match mark:
         case Line() if not np.isfinite(mark.y).any():
             return
@@ -135,10 +135,21 @@ def _draw_mark(axes: Axes, mark: Mark, filled: dict[str, float]) -> None:
             axes.grid(False)
             axes.figure.colorbar(image, ax=axes, orientation="horizontal", label=mark.name, shrink=0.9)
         case Bars():
-            left = [filled.get(category, 0.0) for category in mark.categories]
+            ends = {category: filled.setdefault(category, (0.0, 0.0)) for category in mark.categories}
+            left = [ends[c][int(v >= 0.0)] for c, v in zip(mark.categories, mark.values, strict=True)]
             axes.barh(mark.categories, mark.values, left=left, color=mark.colour, label=mark.name)
-            filled.update({c: start + v for c, start, v in zip(mark.categories, left, mark.values, strict=True)})
+            for category, value in zip(mark.categories, mark.values, strict=True):
+                below, above = ends[category]
+                filled[category] = (below, above + value) if value >= 0.0 else (below + value, above)
             axes.yaxis.set_inverted(True)
+        case Whiskers():
+            arms = np.abs(np.nan_to_num(np.array([mark.values - mark.low, mark.high - mark.values])))
+            place = np.arange(len(mark.categories))
+            axes.errorbar(
+                mark.values, place, xerr=arms, fmt="o", ms=4.5, capsize=3.0, color=mark.colour, label=mark.name
+            )
+            axes.set_yticks(range(len(mark.categories)), mark.categories)
+            axes.set_ylim(len(mark.categories) - 0.5, -0.5)
 
 
 def _edges(centres: np.ndarray) -> tuple[float, float]:

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.colors import to_hex
 
-from rollingroad.viz.charts import Band, Bars, Chart, Heat, Line, Mark, Panel, Span
+from rollingroad.viz.charts import Band, Bars, Chart, Heat, Line, Mark, Panel, Span, Whiskers
 
 _GRID = {"gridcolor": "#dddddd", "zeroline": False, "automargin": True}
 
@@ -25,7 +25,7 @@ def plotly_figure(chart: Chart) -> dict[str, Any]:
         "modebar": {"bgcolor": "rgba(255,255,255,0.8)", "color": "#767676", "activecolor": "#1a1a1a"},
         "hovermode": "closest" if chart.beside else "x unified",
         "dragmode": "zoom",
-        "barmode": "stack",
+        "barmode": "relative",
         "shapes": [],
         "annotations": [],
     }
@@ -35,7 +35,7 @@ def plotly_figure(chart: Chart) -> dict[str, Any]:
         if panel.title:
             layout["annotations"].append(_heading(panel.title, suffix))
         seen = {trace["name"] for trace in data if "name" in trace}
-        named = sum(isinstance(mark, Line | Band | Bars) for mark in panel.marks) > 1
+        named = sum(isinstance(mark, Line | Band | Bars | Whiskers) for mark in panel.marks) > 1
         for mark in panel.marks:
             if isinstance(mark, Span):
                 layout["shapes"].append(_shape(mark, suffix))
@@ -45,6 +45,7 @@ def plotly_figure(chart: Chart) -> dict[str, Any]:
                 trace |= {"xaxis": f"x{suffix}", "yaxis": f"y{suffix}"}
                 if "name" in trace:
                     trace["showlegend"] = named and trace["name"] not in seen
+                    seen.add(trace["name"])
                 data.append(trace)
     return {"data": data, "layout": layout}
 
@@ -76,8 +77,15 @@ def _axes(panel: Panel, place: tuple[float, float], suffix: str, number: int, ch
         x["type"] = "log"
     if panel.x_range:
         x["range"] = tuple(np.log10(panel.x_range)) if panel.log_x else panel.x_range
-    if any(isinstance(mark, Bars) for mark in panel.marks):
-        y |= {"autorange": "reversed", "title": {"text": ""}, "showticklabels": number == 1}
+    rows = next((mark.categories for mark in panel.marks if isinstance(mark, Bars | Whiskers)), None)
+    if rows is not None:
+        y |= {
+            "type": "category",
+            "categoryarray": list(rows),
+            "autorange": "reversed",
+            "title": {"text": ""},
+            "showticklabels": number == 1,
+        }
     axes: dict[str, Any] = {f"xaxis{suffix}": x, f"yaxis{suffix}": y}
     return axes
 
@@ -118,6 +126,16 @@ def _traces(mark: Mark, place: tuple[float, float]) -> list[dict[str, Any]]:
         case Bars():
             bar = {"type": "bar", "orientation": "h", "y": list(mark.categories), "x": [float(v) for v in mark.values]}
             return [{**bar, "name": mark.name, "marker": {"color": mark.colour}}]
+        case Whiskers():
+            finite = np.isfinite(mark.values)
+            values, names = mark.values[finite], [c for c, f in zip(mark.categories, finite, strict=True) if f]
+            arms = {
+                "type": "data",
+                "array": np.nan_to_num(mark.high[finite] - values).tolist(),
+                "arrayminus": np.nan_to_num(values - mark.low[finite]).tolist(),
+            }
+            point = {"type": "scatter", "mode": "markers", "x": values.tolist(), "y": names, "name": mark.name}
+            return [{**point, "error_x": arms, "marker": {"color": mark.colour, "size": 8}}]
         case Span():
             return []
 

@@ -21,11 +21,26 @@
   }
   document.documentElement.dataset.ready = "yes";
 
+  // A long name over several lines of about sixteen characters.
+  function broken(name) {
+    const lines = [""];
+    for (const word of name.split(" ")) {
+      const last = lines.length - 1;
+      if (lines[last] && lines[last].length + word.length > 15) lines.push(word);
+      else lines[last] = `${lines[last]} ${word}`.trim();
+    }
+    return lines.join("<br>");
+  }
+
   // On a phone, panels that stood side by side stand under one another.
   function shrink(data, layout, beside) {
     layout.font.size = 11;
     layout.margin = { ...layout.margin, l: 44, r: 4 };
     layout.dragmode = false;
+    for (const key of Object.keys(layout).filter((name) => name.startsWith("yaxis"))) {
+      const rows = layout[key].categoryarray;
+      if (rows) Object.assign(layout[key], { tickvals: rows, ticktext: rows.map(broken), tickfont: { size: 9 } });
+    }
     if (!beside) return;
     const axes = Object.keys(layout).filter((key) => key.startsWith("xaxis"));
     const gap = 130 / (layout.height * axes.length), size = (1 - gap * (axes.length - 1)) / axes.length;
