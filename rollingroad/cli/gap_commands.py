@@ -82,10 +82,12 @@ def run_(
 
 @challenge.command()
 def score(folder: Folder, json: Json = False) -> None:
-    """Open the key and score the diagnoses."""
+    """Open the key and score the diagnoses; the page is DIR/scores.html."""
     from rollingroad.cli.output import print_json
     from rollingroad.cli.tables import score_table
     from rollingroad.gap.challenge.score import score as score_set
+    from rollingroad.viz.challenge_page import write_scores
 
     scores = score_set(folder)
+    write_scores(scores, folder / "scores.html")
     print_json(scores) if json else score_table(scores)
