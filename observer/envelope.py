@@ -9,6 +9,7 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from observer.efficiency_map import SPEED_STEP, Limits
 from observer.estimate import Estimate
+from observer.fit_form import Fit
 from observer.operating_points import OperatingPoints
 from vehicle_model.car.parameters import Car
 
@@ -26,6 +27,14 @@ CEILING = 0.03
 """A ceiling shows as a pile: at least two stretches, together a second, within this of the highest torque."""
 LEAST_OVERRUN = 3.0
 """s with the fuel cut that weigh as much as the default."""
+DRAGGED_SHARE = 0.8
+"""Of the torque at which the Willans lines of the map say that no fuel would be left: what the engine drags with the
+fuel cut. A fired engine at no load rubs harder and loses more heat than a dragged one (Willans' line against motoring,
+Heywood 1988, 13.2). Set on development seeds of the Smart."""
+WILLANS_SECONDS = 150.0
+"""s with the fuel cut that weigh as much as the Willans lines: samples under braking look like drag."""
+LEAST_CELLS = 30
+"""Valid cells from which the Willans lines are worth more than the default."""
 
 
 def declared_torque(engine_speed: NDArray, car: Car) -> NDArray[np.float64]:
@@ -97,6 +106,29 @@ def _drag(omega: NDArray, torque: NDArray, car: Car, columns: int, step: float) 
     ratio = max(float(np.quantile(torque / default_overrun(omega, car), 0.2)), 0.3)
     scale = (seconds * ratio + LEAST_OVERRUN) / (seconds + LEAST_OVERRUN)
     return scale * default_overrun((np.arange(columns) + 0.5) * SPEED_STEP, car)
+
+
+def drag_of_lines(trips: Sequence[OperatingPoints], lines: Fit, car: Car, columns: int) -> NDArray[np.float64]:
+    """Drag torque of every column, N m, from the map's Willans `lines`: form and, mostly, size.
+
+    T = -DRAGGED_SHARE P_in(omega, 0) / (dP_in/dT), the slope up to a third of the largest torque; scaled by what the
+    samples with the fuel cut show as in `_drag`.
+    """
+
+    def dragged(omega: NDArray) -> NDArray[np.float64]:
+        reach = car.engine.max_torque / 3.0
+        nothing = lines.fuel_power(omega, np.zeros(len(omega)))
+        slope = (lines.fuel_power(omega, np.full(len(omega), reach)) - nothing) / reach
+        return -DRAGGED_SHARE * nothing / np.maximum(slope, omega)
+
+    turning = np.clip((np.arange(columns) + 0.5) * SPEED_STEP, car.engine.idle_speed, car.engine.redline_speed)
+    omega, torque = (
+        _joined(trips, lambda trip: trip.engine_speed[trip.cut]),
+        _joined(trips, lambda trip: trip.torque[trip.cut]),
+    )
+    seconds = len(omega) * (trips[0].step if trips else 0.1)
+    ratio = max(float(np.quantile(torque / dragged(omega), 0.2)), 0.3) if len(omega) else 1.0
+    return (seconds * ratio + WILLANS_SECONDS) / (seconds + WILLANS_SECONDS) * dragged(turning)
 
 
 def full_throttle(trip: OperatingPoints, car: Car) -> NDArray[np.bool_]:

@@ -13,7 +13,14 @@ from scipy.optimize import isotonic_regression
 
 from observer.allocation import allocate
 from observer.efficiency_map import SPEED_STEP, TORQUE_STEP, EfficiencyMap, FuelMap, Limits
-from observer.envelope import WHEEL_SHARE, declared_torque, default_overrun, observed_limits
+from observer.envelope import (
+    LEAST_CELLS,
+    WHEEL_SHARE,
+    declared_torque,
+    default_overrun,
+    drag_of_lines,
+    observed_limits,
+)
 from observer.estimate import Estimate
 from observer.fit_form import Fit, valid_cells
 from observer.fit_willans import fit_willans
@@ -55,6 +62,8 @@ def map_engine(estimates: Sequence[Estimate], car: Car, *, smoothed: bool = True
     limits = observed_limits(trips, estimates, car, columns, smoothed=smoothed)
     first = _grid(_stays(trips, allocated, columns, rows, None), columns, rows, fuel_total, limits, len(trips))
     tangent = fit_willans(valid_cells(first), car, limits)
+    if first.valid.sum() >= LEAST_CELLS:
+        limits = replace(limits, overrun_torque=drag_of_lines(trips, tangent, car, columns))
     found = _grid(_stays(trips, allocated, columns, rows, tangent), columns, rows, fuel_total, limits, len(trips))
     # a relative error of the torque moves eta at a given torque by the slope of the Willans line only
     omega, torque = np.meshgrid(found.engine_speed, found.torque, indexing="ij")
