@@ -109,8 +109,9 @@ FUSED, GATED, NOT_FINITE, REOPENED, STUCK, ANCHORED, POOR = np.arange(7)
     M_FIX_TICKS,
     M_TICKS,
     M_HINDSIGHT,
-) = range(44)
-M_SINCE = 44
+    M_PULSE_GAP,
+) = range(45)
+M_SINCE = 45
 """Since when each kind is being rejected (NaN: it is not)."""
 MEMORY = M_SINCE + KIND_CODES
 
@@ -127,7 +128,8 @@ MEMORY = M_SINCE + KIND_CODES
     P_PULSE_ANGLE,
     P_ROTATION,
 ) = range(10)
-PARAMETERS = P_ROTATION + 9
+P_SQUAT = P_ROTATION + 9
+PARAMETERS = P_SQUAT + 1
 
 # places in the array of settings: the order of observer.settings.ObserverSettings
 (
@@ -200,8 +202,13 @@ OP_PREDICT, OP_ROW, OP_RESET, OP_GRID = range(4)
 TAPE_ROW = NX + 10
 WORK = 124 + 11 * NX + NX * NX
 """Scratch: one row's Jacobian and gain, then the transition, the midpoint, moved rows, noise, a Cholesky factor."""
-MOVING = (0, 1, 3, 4, 5, 6, 7)
+READ = np.array([1, 2, 4, 9, 3, 8, 20, 21, 11, 13])
+"""The states that others' motion depends on: the columns of `transition` and those of energy and engine angle."""
 SIGN_BAND = 0.1
+OVERDUE = 1.15
+"""An injector pulse is overdue when the time since the last is so many times the interval before."""
+SURPRISE = 9.0
+"""NIS of a forward acceleration that is too low, beyond which, in hindsight, thrust is let free to follow it."""
 WRAP = 2.0 * math.pi
 UNKNOWN_HEADING = 1.0
 """rad2: with more variance than this, a course is taken over instead of being fused."""
@@ -345,48 +352,40 @@ def predict(x, P, dt, p, s, q, n, xm, w):
         w[0, j] += n6 * P[20, j] + n7 * P[21, j]
         w[7, j] = P[10, j] + dt * P[11, j]
         w[8, j] = P[12, j] + dt * P[13, j]
-    # rows that do not move, against those that do
+    # columns: those that move depend on others, and one triangle is enough
+    for r in range(9):
+        i = r if r < 2 else (r + 1 if r < 7 else (10 if r == 7 else 12))
+        v, thrust, pitch, vertical, heading, straight = w[r, 1], w[r, 2], w[r, 4], w[r, 9], w[r, 3], w[r, 8]
+        for j in range(NX):
+            P[i, j] = w[r, j]
+        P[i, 0] += n6 * w[r, 20] + n7 * w[r, 21]
+        P[i, 10] += dt * w[r, 11]
+        P[i, 12] += dt * w[r, 13]
+        for k in range(7):
+            P[i, k if k < 2 else k + 1] += (
+                n[k, 0] * v
+                + n[k, 1] * thrust
+                + n[k, 2] * pitch
+                + n[k, 3] * vertical
+                + n[k, 4] * heading
+                + n[k, 5] * straight
+            )
     for r in range(9):
         i = r if r < 2 else (r + 1 if r < 7 else (10 if r == 7 else 12))
         for j in range(NX):
-            P[i, j] = w[r, j]
-    for r in range(9):
-        i = r if r < 2 else (r + 1 if r < 7 else (10 if r == 7 else 12))
-        for k in range(7):
-            j = k if k < 2 else k + 1
-            P[i, j] = (
-                w[r, j]
-                + n[k, 0] * w[r, 1]
-                + n[k, 1] * w[r, 2]
-                + n[k, 2] * w[r, 4]
-                + n[k, 3] * w[r, 9]
-                + n[k, 4] * w[r, 3]
-                + n[k, 5] * w[r, 8]
-            )
-        P[i, 0] += n6 * w[r, 20] + n7 * w[r, 21]
-        P[i, 10] = w[r, 10] + dt * w[r, 11]
-        P[i, 12] = w[r, 12] + dt * w[r, 13]
-    for i in (2, 8, 9, 11, 13, 14, 15, 16, 17, 18, 19, 20, 21):
-        for r in range(9):
-            k = r if r < 2 else (r + 1 if r < 7 else (10 if r == 7 else 12))
-            P[i, k] = P[k, i]
+            P[j, i] = P[i, j]
     decay = math.exp(-dt / s[S_DRIFT_TIME])
     decay_z = math.exp(-dt / s[S_DRIFT_Z_TIME])
     for j in range(NX):
         P[17, j] *= decay
         P[18, j] *= decay
         P[19, j] *= decay_z
-    for j in range(NX):
-        P[j, 17] *= decay
-        P[j, 18] *= decay
-        P[j, 19] *= decay_z
-    # exact symmetry: both triangles were computed, keep the mean
     for i in range(NX):
-        for j in range(i):
-            mean = 0.5 * (P[i, j] + P[j, i])
-            P[i, j] = mean
-            P[j, i] = mean
+        P[i, 17] *= decay
+        P[i, 18] *= decay
+        P[i, 19] *= decay_z
         P[i, i] += q[i]
+    P[19, 17], P[19, 18] = P[17, 19], P[18, 19]
     for i in range(17):
         x[i] = xm[i]
     x[17] *= decay
@@ -400,12 +399,13 @@ def sparse_row(kind, x, p, aux, hi, hv, g):
     v = x[1]
     if kind in (ACCELERATION_X, ACCELERATION_X_THESIS):
         a = acceleration(x, p, g)
-        share = p[P_GRAVITY]
+        share, lifted = p[P_GRAVITY], 1.0 + p[P_SQUAT]
         if kind == ACCELERATION_X_THESIS:
-            share *= p[P_MASS] / p[P_ACCELERATED]
+            share, lifted = share * p[P_MASS] / p[P_ACCELERATED], 1.0
         hi[0], hi[1], hi[2], hi[3], hi[4] = 1, 2, 4, 9, 14
-        hv[0], hv[1], hv[2], hv[3], hv[4] = g[0], g[1], g[2] + share * math.cos(x[4]), g[3], 1.0
-        return a + share * math.sin(x[4]) + x[14], 5
+        hv[0], hv[1], hv[3], hv[4] = lifted * g[0], lifted * g[1], lifted * g[3], 1.0
+        hv[2] = lifted * g[2] + share * math.cos(x[4])
+        return lifted * a + share * math.sin(x[4]) + x[14], 5
     if kind == ACCELERATION_Y:
         hi[0], hi[1], hi[2] = 1, 8, 15
         hv[0], hv[1], hv[2] = -2.0 * x[8] * v, -v * v, 1.0
@@ -522,6 +522,13 @@ def fuse(kind, z, r, aux, f):
         for k in range(size):
             S += hv[k] * ph[index[k]]
         nis = nu * nu / S
+        if kind == ACCELERATION_X and nu < 0.0 and nis > SURPRISE and mem[M_HINDSIGHT] > 0.0:
+            # thrust fell and no pulse told: brakes, or fuel that was cut a moment ago
+            more = (nu * nu - S) / (hv[1] * hv[1])
+            P[2, 2] += more
+            ph[2] += hv[1] * more
+            S += hv[1] * hv[1] * more
+            nis = 1.0
         if nis > s[S_GATE]:
             since = mem[M_SINCE + kind]
             if math.isnan(since):
@@ -539,8 +546,12 @@ def fuse(kind, z, r, aux, f):
         gain = nu * inverse
         for i in range(NX):
             x[i] += ph[i] * gain
+        # scaled first: both triangles then change by the same bits
+        root = math.sqrt(inverse)
         for i in range(NX):
-            c = ph[i] * inverse
+            ph[i] *= root
+        for i in range(NX):
+            c = ph[i]
             for j in range(NX):
                 P[i, j] -= c * ph[j]
         if out[TAPING] > 0:
@@ -551,7 +562,7 @@ def fuse(kind, z, r, aux, f):
                 tape_index[m, 2 + k] = index[k]
                 tape[m, NX + k] = hv[k]
             for i in range(NX):
-                tape[m, i] = ph[i] * inverse
+                tape[m, i] = ph[i] * root
             tape[m, NX + 8] = nu
             tape[m, NX + 9] = inverse
             out[TAPE_LINES] = m + 1
@@ -683,7 +694,8 @@ def move(t, f):
     mem[M_RESERVOIR] -= arriving
     hindsight = mem[M_HINDSIGHT] > 0.0
     q[2] = (s[S_Q_THRUST_HINDSIGHT] if hindsight else s[S_Q_THRUST]) * dt + arriving
-    if cut or silent:
+    # a pulse that is overdue: fuel is being cut, and brakes may follow at once
+    if cut or silent or t - mem[M_PULSE_TIME] > OVERDUE * mem[M_PULSE_GAP]:
         q[2] += s[S_Q_THRUST_CUT] * dt
     q[3] = s[S_Q_HEADING] * dt
     q[4] = s[S_Q_PITCH] * dt
@@ -884,6 +896,7 @@ def on_injector(event, t, f):
         fuse(PULSE_POWER, 0.0, r_power, slope, f)
         mem[M_PULSE_POWER] = told
     mem[M_PULSE_TIME] = t
+    mem[M_PULSE_GAP] = min(gap, s[S_CUT_GAP])
     mem[M_PULSE_ENERGY] = energy
     mem[M_PULSE_SATURATED] = 1.0 if saturated else 0.0
     mem[M_CUT] = 0.0
@@ -1029,6 +1042,7 @@ def on_step(event, f):
     thrust = change / max(f.x[1], 3.0)
     f.P[2, 2] += (f.settings[S_THRUST_GAIN_HINDSIGHT] * thrust) ** 2
     if event[3] > 0.0:
+        f.memory[M_PULSE_GAP] = 0.0
         fuse(CUT_OFF, 0.0, 1e4, 0.0, f)
 
 
@@ -1132,6 +1146,7 @@ def retreat(f, begin, end, only, lam, L, smooth_x, smooth_P):
     xm = np.empty(NX + 4)
     b = np.empty(NX)
     w = np.empty((NX, NX))
+    moved = np.empty((10, NX))
     for m in range(end - 1, begin - 1, -1):
         op = tape_index[m, 0]
         if op == OP_ROW:
@@ -1172,19 +1187,7 @@ def retreat(f, begin, end, only, lam, L, smooth_x, smooth_P):
             decay = math.exp(-dt / s[S_DRIFT_TIME])
             decay_z = math.exp(-dt / s[S_DRIFT_Z_TIME])
             transpose_apply(lam, n, dt, decay, decay_z)
-            # L <- Phi' L Phi: rows, then (by symmetry) columns through the transpose
-            rows_apply(L, n, dt, decay, decay_z)
-            for i in range(NX):
-                for j in range(i):
-                    c = L[i, j]
-                    L[i, j] = L[j, i]
-                    L[j, i] = c
-            rows_apply(L, n, dt, decay, decay_z)
-            for i in range(NX):
-                for j in range(i):
-                    mean = 0.5 * (L[i, j] + L[j, i])
-                    L[i, j] = mean
-                    L[j, i] = mean
+            sandwich(L, n, dt, decay, decay_z, moved)
         elif op == OP_RESET:
             i = tape_index[m, 1]
             lam[i] = 0.0
@@ -1242,27 +1245,54 @@ def transpose_apply(lam, n, dt, decay, decay_z):
 
 
 @njit
-def rows_apply(L, n, dt, decay, decay_z):
-    """L <- Phi' L."""
-    a = np.zeros((6, NX))
-    for r in range(7):
-        i = r if r < 2 else r + 1
-        for c in range(6):
-            h = n[r, c]
-            if h != 0.0:
-                for j in range(NX):
-                    a[c, j] += h * L[i, j]
+def sandwich(L, n, dt, decay, decay_z, a):
+    """L <- Phi' L Phi for a symmetric L (NX, NX); a (10, NX) is scratch.
+
+    With Phi = I + N: L + N' L + L N + N' L N, of which only the rows and columns `READ` of N differ from zero.
+    """
     for j in range(NX):
-        L[20, j] += n[0, 6] * L[0, j]
-        L[21, j] += n[0, 7] * L[0, j]
-        L[1, j] += a[0, j]
-        L[2, j] += a[1, j]
-        L[4, j] += a[2, j]
-        L[9, j] += a[3, j]
-        L[3, j] += a[4, j]
-        L[8, j] += a[5, j]
-        L[11, j] += dt * L[10, j]
-        L[13, j] += dt * L[12, j]
         L[17, j] *= decay
         L[18, j] *= decay
         L[19, j] *= decay_z
+    for j in range(NX):
+        L[j, 17] *= decay
+        L[j, 18] *= decay
+        L[j, 19] *= decay_z
+    for c in range(6):
+        for j in range(NX):
+            a[c, j] = 0.0
+        for r in range(7):
+            h = n[r, c]
+            if h != 0.0:
+                i = r if r < 2 else r + 1
+                for j in range(NX):
+                    a[c, j] += h * L[i, j]
+    n6, n7 = n[0, 6], n[0, 7]
+    for j in range(NX):
+        a[6, j] = n6 * L[0, j]
+        a[7, j] = n7 * L[0, j]
+        a[8, j] = dt * L[10, j]
+        a[9, j] = dt * L[12, j]
+    for c in range(10):
+        i = READ[c]
+        for j in range(NX):
+            L[i, j] += a[c, j]
+    for c in range(10):
+        i = READ[c]
+        a0, a1, a3, a4, a5, a6, a7 = a[c, 0], a[c, 1], a[c, 3], a[c, 4], a[c, 5], a[c, 6], a[c, 7]
+        for d in range(6):
+            L[i, READ[d]] += (
+                n[0, d] * a0 + n[1, d] * a1 + n[2, d] * a3 + n[3, d] * a4 + n[4, d] * a5 + n[5, d] * a6 + n[6, d] * a7
+            )
+        L[i, 20] += n6 * a0
+        L[i, 21] += n7 * a0
+        L[i, 11] += dt * a[c, 10]
+        L[i, 13] += dt * a[c, 12]
+    for c in range(10):
+        i = READ[c]
+        for d in range(10):
+            L[i, READ[d]] += a[d, i]
+    for c in range(10):
+        i = READ[c]
+        for j in range(NX):
+            L[j, i] = L[i, j]

@@ -139,17 +139,19 @@ def dynamics_jacobian(x: NDArray[np.float64], car: Car) -> NDArray[np.float64]:
     return a
 
 
-def measurement(kind: int, x: Any, car: Car, aux: float = 0.0, m: ModuleType = math) -> Any:
+def measurement(kind: int, x: Any, car: Car, aux: float = 0.0, m: ModuleType = math, squat: float = 0.0) -> Any:
     """h(x) of the scalar measurement `kind`, in the units of `KINDS`.
 
     `aux` is the lag in seconds of the `gps_*` kinds, of `map_heading` and `map_altitude` (the row is of the state at
-    t - lag) and the energy per radian (J/rad) of `pulse_power`; otherwise it is not used.
+    t - lag) and the energy per radian (J/rad) of `pulse_power`; otherwise it is not used. `squat` (rad per g) is how
+    far the body on its springs turns nose-up, and the sensor with it: to first order it reads `squat` dv/dt more
+    forwards (upwards a hundredth of that: left out).
     """
     v, psi, theta = x[V], x[PSI], x[THETA]
     if kind == DISTANCE:
         return x[X]
     if kind == ACCELERATION_X:
-        return acceleration(x, car, m) + car.gravity * m.sin(theta) + x[BX]
+        return (1.0 + squat) * acceleration(x, car, m) + car.gravity * m.sin(theta) + x[BX]
     if kind == ACCELERATION_X_THESIS:
         return acceleration(x, car, m) + car.mass / car.accelerated_mass * car.gravity * m.sin(theta) + x[BX]
     if kind == ACCELERATION_Y:
@@ -189,12 +191,14 @@ def measurement(kind: int, x: Any, car: Car, aux: float = 0.0, m: ModuleType = m
     return x[simple[kind]]
 
 
-def measurement_jacobian(kind: int, x: NDArray[np.float64], car: Car, aux: float = 0.0) -> NDArray[np.float64]:
+def measurement_jacobian(
+    kind: int, x: NDArray[np.float64], car: Car, aux: float = 0.0, squat: float = 0.0
+) -> NDArray[np.float64]:
     """H = dh/dx of the scalar measurement `kind`, shape (17,) (17 columns: ERRATA on the printed 18)."""
     v, psi, theta = x[V], x[PSI], x[THETA]
     h = np.zeros(17)
     if kind in (ACCELERATION_X, ACCELERATION_X_THESIS):
-        h += acceleration_gradient(x, car)
+        h += (1.0 + squat if kind == ACCELERATION_X else 1.0) * acceleration_gradient(x, car)
         share = 1.0 if kind == ACCELERATION_X else car.mass / car.accelerated_mass
         h[THETA] += share * car.gravity * math.cos(theta)
         h[BX] = 1.0

@@ -82,8 +82,8 @@ def rotation(mounting: Mounting) -> NDArray[np.float64]:
     return mounting.scale * about_z @ about_y @ about_x
 
 
-def constants(car: Car) -> NDArray[np.float64]:
-    """Return the car's and the box's constants in the order in which the kernel reads them."""
+def constants(car: Car, squat: float = 0.0) -> NDArray[np.float64]:
+    """Return the car's and the box's constants in the order in which the kernel reads them; `squat` in rad per g."""
     head = [
         car.mass,
         car.accelerated_mass,
@@ -95,7 +95,7 @@ def constants(car: Car) -> NDArray[np.float64]:
         car.injector.lag,
         pulse_angle(car),
     ]
-    return np.concatenate([head, rotation(car.mounting).ravel()])
+    return np.concatenate([head, rotation(car.mounting).ravel(), [squat]])
 
 
 def start(car: Car, settings: ObserverSettings, learnt: Mapping[str, float] | None, time: float) -> kernel.Filter:
@@ -120,7 +120,7 @@ def start(car: Car, settings: ObserverSettings, learnt: Mapping[str, float] | No
         x=x,
         P=P,
         memory=memory,
-        car=constants(car),
+        car=constants(car, settings.body_squat),
         settings=vector,
         records=np.empty((0, 7)),
         grid_x=np.empty((0, kernel.NX)),

@@ -138,6 +138,8 @@ class ObserverSettings:
     """Share of the deviation that the matcher states of a heading,"""
     map_straightness_scale: float = 0.15
     """and of a straightness, that is seen in fact."""
+    body_squat: float = 0.0174533
+    """rad of nose-up per g of acceleration (1 degree): what a body on springs does to a sensor fixed to it."""
     bias_trip_deviation: float = 0.02
     """m/s2 by which a bias changes from trip to trip."""
 

@@ -57,7 +57,8 @@ def test_dynamics_jacobian_is_the_derivative():
 @pytest.mark.parametrize("kind", range(len(model.KINDS)), ids=model.KINDS)
 def test_measurement_jacobian_is_the_derivative_and_the_kernel_agrees(kind):
     symbol, lag = ca.SX.sym("x", 17), ca.SX.sym("lag")
-    value = ca.SX(model.measurement(kind, symbol, SMART, lag, ca))
+    squat = DEFAULT.body_squat
+    value = ca.SX(model.measurement(kind, symbol, SMART, lag, ca, squat))
     exact = ca.Function("h", [symbol, lag], [value, ca.jacobian(value, symbol)])
     f = start(SMART, DEFAULT, None, 0.0)
     rng = np.random.default_rng(kind)
@@ -65,9 +66,9 @@ def test_measurement_jacobian_is_the_derivative_and_the_kernel_agrees(kind):
         x = random_state(rng)
         aux = rng.uniform(0.0, 0.5) if kind in LAGGED else (rng.uniform(10, 200) if kind == model.PULSE_POWER else 0.0)
         expected, gradient = (np.array(part) for part in exact(x, aux))
-        np.testing.assert_allclose(model.measurement(kind, x, SMART, aux), expected.item(), rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(model.measurement(kind, x, SMART, aux, squat=squat), expected.item(), rtol=1e-12)
         np.testing.assert_allclose(
-            model.measurement_jacobian(kind, x, SMART, aux), gradient[0], rtol=1e-9, atol=1e-9, strict=True
+            model.measurement_jacobian(kind, x, SMART, aux, squat), gradient[0], rtol=1e-9, atol=1e-9, strict=True
         )
         full = np.zeros(kernel.NX)
         full[:17] = x
@@ -154,6 +155,8 @@ def test_kernel_and_settings_agree_on_the_order():
     }
     for constant, name in pairs.items():
         assert numbered[getattr(kernel, constant)] == names.index(name), constant
-    assert names[kernel.S_MAP_STRAIGHT + 1 :] == ["bias_trip_deviation"], "which only the start of a trip reads"
+    assert names[kernel.S_MAP_STRAIGHT + 1 :] == ["body_squat", "bias_trip_deviation"], (
+        "which only the start of a trip reads"
+    )
     assert tuple(np.arange(kernel.KIND_CODES)) == tuple(range(len(model.KINDS)))
     assert int(kernel.CUT_OFF) == model.CUT_OFF
