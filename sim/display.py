@@ -44,7 +44,9 @@ class Display:
         if wanted is None:
             self._dark = True
             return None
-        arrow, gear = self._next_arrow(wanted), self._next_gear(wanted)
+        arrow = self._next_arrow(wanted)
+        # A new arrow is looked at anyway: the gear may come with it.
+        gear = wanted.gear if arrow != self._arrow else self._next_gear(wanted)
         changed = (arrow, gear) != (self._arrow, self._gear)
         if changed and not self._dark:
             self.changes += 1

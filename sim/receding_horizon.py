@@ -36,6 +36,9 @@ WAITED_OFF = 0.25
 """Share of the price of time that holds where the time gained would be waited off; less what idling there burns."""
 CATCH_UP = 1.5
 """s within which the speed of a leader close by is taken on."""
+GREEN = 40.0
+"""s that a green or red phase lasts, about: every second later at a green light is a chance of 1 / `GREEN` that it turns,
+which costs as long a wait, idling, and the speed."""
 KEPT = 0.3
 """Share of the kinetic energy at a red signal's line that counts: it may turn green in time."""
 ROLLING = 60.0
@@ -91,6 +94,9 @@ class RecedingHorizon:
         self._silent = waiting and end_speed is None and reach < SHORTEST
         self._pace = end_speed if end_speed is not None and reach < SHORTEST else math.inf
         price = self.context.time_value
+        if view.signal_state == "green" and not waiting:
+            price += price + self.context.fuel_map.idle_power
+            price += 0.5 * self.context.car.accelerated_mass * view.speed**2 * self._table.marginal_cost / GREEN
         if waiting:
             price = max(WAITED_OFF * price - self.context.fuel_map.idle_power, 0.0)
         horizon = min(max(FORESIGHT * view.speed, HORIZON[0]), HORIZON[1])
