@@ -8,8 +8,10 @@ along. By default the cluster lives in this process, with one worker, and so one
 import atexit
 import multiprocessing
 import threading
+import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
 from concurrent.futures import TimeoutError as UnitTimeout
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -19,6 +21,9 @@ from typing import Any
 from rollingroad.evaluation.store import Store, Unit
 from rollingroad.workers import cores
 from vehicle_model.car.errors import BadInput
+
+PATIENCE = 60.0
+"""s to wait for a scheduler, or for its workers, that went away."""
 
 
 @dataclass(frozen=True)
@@ -91,8 +96,9 @@ def run_units(
 
     `workers` processes on this machine (one per core by default; 0 runs in this process without Dask, for debugging),
     or the Dask scheduler at `cluster`, or an open `client` (see `opened`; several threads may use one). A unit that
-    fails, hangs beyond `timeout` (s) or dies is reported in its outcome and leaves the others alone. A result that the
-    disk would not keep is still returned, its error told. Raises BadInput where the scheduler cannot be reached.
+    fails, hangs beyond `timeout` (s) or dies is reported in its outcome and leaves the others alone; a scheduler that
+    is started again gets what it lost once more. A result that the disk would not keep is still returned, its error
+    told. Raises BadInput where the scheduler cannot be reached or has no workers.
     """
     outcomes: dict[int, Outcome] = {}
     missing: list[int] = []
@@ -132,7 +138,7 @@ def _local_cluster(workers: int) -> Any:
 def opened(workers: int | None = None, cluster: str | None = None) -> Iterator[Any]:
     """Yield a client whose workers stay, with what they keep in mind, for several calls of `run_units`.
 
-    None for `workers` 0. Raises BadInput where the scheduler at `cluster` cannot be reached.
+    None for `workers` 0. Raises BadInput where the scheduler at `cluster` cannot be reached or has no workers.
     """
     if workers == 0 and cluster is None:
         yield None
@@ -145,6 +151,8 @@ def opened(workers: int | None = None, cluster: str | None = None) -> Iterator[A
         raise BadInput("--cluster", str(cluster), f"expected a Dask scheduler that answers ({error})") from None
     try:
         with client:
+            if cluster is not None and not _reconnected(client):
+                raise BadInput("--cluster", cluster, f"expected a Dask scheduler with workers within {PATIENCE:g} s")
             yield client
     finally:
         if cluster is None:
@@ -177,10 +185,30 @@ def _computed(
 def _on(
     client: Any, units: Sequence[Unit], missing: Sequence[int], timeout: float | None
 ) -> Iterator[tuple[int, tuple[dict[str, Any] | None, str | None, str]]]:
+    """Outcomes in the order in which they come; what a lost scheduler took with it is asked for again."""
     from distributed import as_completed
 
-    futures = {client.submit(run_unit, units[i], timeout, pure=False, retries=3): i for i in missing}
-    for future in as_completed(futures):
-        index = futures[future]
-        error = future.exception()
-        yield index, (future.result() if error is None else (None, f"lost with its worker: {error}", ""))
+    left = set(missing)
+    while left:
+        try:
+            futures = {client.submit(run_unit, units[i], timeout, pure=False, retries=3): i for i in sorted(left)}
+            for future in as_completed(futures):
+                error = future.exception()
+                outcome = future.result() if error is None else (None, f"lost with its worker: {error}", "")
+                left.discard(futures[future])
+                yield futures[future], outcome
+        except CancelledError:
+            if not _reconnected(client):
+                why = f"lost: the scheduler and its workers did not come back within {PATIENCE:g} s"
+                yield from ((index, (None, why, "")) for index in sorted(left))
+                return
+
+
+def _reconnected(client: Any) -> bool:
+    """Whether the client finds its scheduler, with workers, again within `PATIENCE`; it tries by itself."""
+    until = time.monotonic() + PATIENCE
+    while client.status != "closed" and time.monotonic() < until:
+        if client.status == "running" and client.scheduler_info()["workers"]:
+            return True
+        time.sleep(0.2)
+    return False

@@ -21,3 +21,8 @@ def hang() -> dict[str, float]:
 def die() -> dict[str, float]:
     os.kill(os.getpid(), signal.SIGKILL)
     return {}
+
+
+def nap(x: int, seconds: float = 0.7) -> dict[str, int]:
+    time.sleep(seconds)
+    return {"square": x * x}
