@@ -37,8 +37,8 @@ WAITED_OFF = 0.25
 CATCH_UP = 1.5
 """s within which the speed of a leader close by is taken on."""
 GREEN = 40.0
-"""s that a green or red phase lasts, about: every second later at a green light is a chance of 1 / `GREEN` that it turns,
-which costs as long a wait, idling, and the speed."""
+"""s that a green or red phase lasts, about: every second later at a green light is a chance of 1 / `GREEN` that it
+turns, which costs as long a wait, idling, and the speed."""
 KEPT = 0.3
 """Share of the kinetic energy at a red signal's line that counts: it may turn green in time."""
 ROLLING = 60.0
