@@ -1,36 +1,39 @@
 """The cases of `rollingroad solve`: each solved by every method that applies, each answer with its certificate."""
 
-import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from controller import acceleration, ball_and_wheel, distance, hill_road, linear_quadratic
+from controller import acceleration, distance, hill_road, reference_cases, speed_limit, vector_cost
 from controller.controller_model import RPM, THESIS, THESIS_CVT, ControllerModel, model_of
-from controller.direct import solve_phases
-from controller.problem import Problem
 from controller.pulse_and_glide import pulse_and_glide
 from controller.soft_driving import compare
-from controller.solution import Certificate, Solution
+from controller.solution import Solution, failed
 from vehicle_model.car.errors import BadInput
 from vehicle_model.car.parameters import Car
 
 METHODS = ("indirect", "direct", "dp")
+"""What a case is solved by unless told otherwise."""
+VARIANTS = ("indirect-multiple", "direct-single", "direct-multiple")
+"""Of the accelerations only, when asked for: indirect multiple shooting (fixed time), direct single and multiple
+shooting in place of collocation."""
 KMH = 1.0 / 3.6
 
 
 def solve(case: str, methods: Sequence[str] = METHODS, car: Car | None = None) -> list[Solution]:
-    """Solve `case` by `methods` ("indirect", "direct", "dp"); without `car`, the thesis' controller model (CLI.md).
+    """Solve `case` by `methods` (of METHODS, VARIANTS); without `car`, the thesis' controller model (CLI.md).
 
     A solution that fails its certificate keeps its row, refused. Raises BadInput for an unknown case or method.
     """
     if case not in CASES:
         raise BadInput("case", case, f"one of {', '.join(CASES)}")
+    known = METHODS + (VARIANTS if case in ACCELERATIONS else ())
     for method in methods:
-        if method not in METHODS:
-            raise BadInput("method", method, f"one of {', '.join(METHODS)}")
-    return CASES[case](tuple(methods), car)
+        if method not in known:
+            raise BadInput("method", method, f"one of {', '.join(known)}")
+    return [solution.judged() for solution in CASES[case](tuple(methods), car)]
 
 
 def _gearbox(car: Car | None) -> ControllerModel:
@@ -44,14 +47,27 @@ def _stepless(car: Car | None) -> ControllerModel:
 def _accelerate(
     case: str, model: ControllerModel, start: float, target: float, duration: float | None, methods: tuple[str, ...]
 ) -> list[Solution]:
-    solvers: dict[str, Callable[..., Solution]]
-    solvers = {"indirect": acceleration.shoot, "direct": acceleration.direct, "dp": acceleration.dynamic_programming}
-    return [solvers[m](model, start, target, duration, case=case) for m in methods]
+    solvers: dict[str, Callable[..., Solution]] = {
+        "indirect": acceleration.shoot,
+        "indirect-multiple": acceleration.shoot_multiple,
+        "direct": acceleration.direct,
+        "direct-single": partial(acceleration.direct, transcription="single"),
+        "direct-multiple": partial(acceleration.direct, transcription="multiple"),
+        "dp": acceleration.dynamic_programming,
+    }
+    return [replace(solvers[m](model, start, target, duration, case=case), method=m) for m in methods]
 
 
 def cvt_free(methods: tuple[str, ...], car: Car | None) -> list[Solution]:
     """4.4.1.1: CVT, 1 m/s to 100 km/h, free time."""
     return _accelerate("cvt-free", _stepless(car), 1.0, 100.0 * KMH, None, methods)
+
+
+def cvt_fixed(methods: tuple[str, ...], car: Car | None) -> list[Solution]:
+    """CVT, 1 m/s to 100 km/h in nine tenths of the free time: H is constant above zero, the price of the hurry."""
+    model = _stepless(car)
+    free = acceleration.shoot(model, 1.0, 100.0 * KMH, None, certify=False).duration
+    return _accelerate("cvt-fixed", model, 1.0, 100.0 * KMH, 0.9 * free, methods)
 
 
 def six_speed_free(methods: tuple[str, ...], car: Car | None) -> list[Solution]:
@@ -101,7 +117,7 @@ def _distance(case: str, model: ControllerModel, methods: tuple[str, ...]) -> li
             found.append(distance.bellman(model, length, start, case=case, step=20.0, nodes=300))
         else:
             answer = distance.direct_solution(model, length, start, case=case)
-            found.append(answer or acceleration.failed(case, "direct", "IPOPT found no answer"))
+            found.append(answer or failed(case, "direct", "IPOPT found no answer"))
     least = min((s.cost for s in found if s.certificate.refused is None), default=np.nan)
     return [_beaten(s, least) if s.method == "direct" else s for s in found]
 
@@ -117,10 +133,18 @@ def _beaten(solution: Solution, least: float) -> Solution:
 def cvt_distance(methods: tuple[str, ...], car: Car | None) -> list[Solution]:
     """4.5.1: CVT, 5 km, free time and final speed; the thesis' corner is refused, dp gives the infimum.
 
-    Row "pulse-and-glide" is a drive that can be driven, in six pulses; its note says what the corner costs more.
+    Row "pulse-and-glide" is a drive that can be driven, in six pulses; its note says what the corner costs more. Row
+    "dp-steady" is the best drive with pulse and glide forbidden, as the route planner does.
     """
     model = _stepless(car)
     found = _distance("cvt-distance", model, methods)
+    if "dp" in methods:
+        start = distance.corner(model).speed
+        found.append(
+            distance.bellman(
+                model, 5000.0, start, case="cvt-distance", step=20.0, nodes=300, relaxed=False, method="dp-steady"
+            )
+        )
     if "indirect" in methods and found[methods.index("indirect")].certificate.refused is not None:
         corner = found[methods.index("indirect")]
         pulsed = pulse_and_glide(model, corner.distance, corner.notes["speed"], 6)
@@ -134,6 +158,29 @@ def cvt_corner(methods: tuple[str, ...], car: Car | None) -> list[Solution]:
     model = _stepless(car)
     scale = model.torque[1] / THESIS_CVT.torque[1]
     return _distance("cvt-corner", distance.with_floor(model, 2000.0 * RPM, 30.0 * scale), methods)
+
+
+def limited(methods: tuple[str, ...], car: Car | None) -> list[Solution]:
+    """B.2.5.3: 36 to 50 km/h over 1.5 km of level road, limit 70 km/h; six gears, a convex engine, a second at 30 kW.
+
+    The boundary arc by the constrained principle (notes: lambda_x, eta, the share of time on the limit), by IPOPT with
+    the limit as a constraint and, row "direct-penalty", as a price, and by dynamic programming.
+    """
+    road = speed_limit.LimitedRoad() if car is None else speed_limit.car_road(car)
+    shot = speed_limit.indirect(road)
+    driven = shot.gear[np.append(True, np.diff(shot.gear) != 0)]
+    sequence = tuple(int(g) for g in driven) + (int(driven[-1]),) * max(3 - len(driven), 0)
+    found = []
+    for method in methods:
+        if method == "indirect":
+            found.append(shot)
+        elif method == "dp":
+            found.append(speed_limit.dynamic_programming(road))
+        else:
+            for name, penalty in (("direct", None), ("direct-penalty", 1e7)):
+                answer = speed_limit.direct(road, sequence, penalty=penalty)
+                found.append(answer or failed("speed-limit", name, "IPOPT found no answer"))
+    return found
 
 
 def soft_vs_pontryagin(methods: tuple[str, ...], car: Car | None) -> list[Solution]:
@@ -154,218 +201,28 @@ def route(methods: tuple[str, ...], car: Car | None) -> list[Solution]:
             rolling_resistance=car.rolling_resistance,
             drag_area=car.drag_area,
         )
-    solvers = {"indirect": hill_road.indirect, "direct": hill_road.direct, "dp": hill_road.dynamic_programming}
+    solvers: dict[str, Callable[..., Solution]] = {
+        "indirect": hill_road.indirect,
+        "direct": hill_road.direct,
+        "dp": hill_road.dynamic_programming,
+    }
     return [solvers[m](problem) for m in methods]
-
-
-def ball_and_wheel_case(methods: tuple[str, ...], car: Car | None) -> list[Solution]:
-    """Appendix G: the ball back to the top in least time, from 0.05 rad at rest. J in seconds."""
-    low, high = ball_and_wheel.BallAndWheel().bounds()
-    angle, rate = 0.05, 0.0
-    found = []
-    for method in methods:
-        began = clock.perf_counter()
-        if method == "indirect":
-            found.append(_synthesised(angle, rate, low, high))
-        elif method == "direct":
-            found.append(_ball_direct(angle, rate, low, high))
-        else:
-            meshes = [
-                ball_and_wheel.lattice_minimum_time(angle, rate, low, high, half_rates=n) for n in (50, 60, 73, 86)
-            ]
-            best = min(meshes)
-            nothing = np.empty((0, 2))
-            found.append(
-                Solution(
-                    "ball-and-wheel",
-                    "dp",
-                    best,
-                    best,
-                    np.nan,
-                    np.empty(0),
-                    nothing,
-                    nothing[:, :1],
-                    nothing,
-                    wall=clock.perf_counter() - began,
-                    certificate=Certificate(mesh_error=(sorted(meshes)[1] - best) / best),
-                )
-            )
-    return found
-
-
-def _ball_problem(angle: float, rate: float, low: float, high: float) -> Problem:
-    return Problem(
-        name="ball-and-wheel",
-        dynamics=lambda x, u, mode: [x[1], u[0]],
-        running_cost=lambda x, u, mode: 1.0,
-        start=(angle, rate),
-        target=(0.0, 0.0),
-        duration=None,
-        control_low=(low,),
-        control_high=(high,),
-        scale=(max(abs(angle), 1e-3), 1.0),
-    )
-
-
-def _synthesised(angle: float, rate: float, low: float, high: float) -> Solution:
-    """The closed form, sampled."""
-    began = clock.perf_counter()
-    answer = ball_and_wheel.time_optimal(angle, rate, low, high)
-    t = np.linspace(0.0, answer.duration, 201)
-    first = np.minimum(t, answer.switch)
-    later = np.maximum(t - answer.switch, 0.0)
-    rate_at = rate + answer.first * first + answer.last * later
-    at_switch = rate + answer.first * first
-    angle_at = angle + rate * first + 0.5 * answer.first * first**2 + at_switch * later + 0.5 * answer.last * later**2
-    control = np.where(t < answer.switch, answer.first, answer.last)[:, None]
-    costate = np.stack([np.full_like(t, answer.costate[0]), answer.costate[1] - answer.costate[0] * t], axis=1)
-    state = np.stack([angle_at, rate_at], axis=1)
-    problem = _ball_problem(angle, rate, low, high)
-    certificate = problem.certify(state, control, costate, np.zeros(len(t), np.int64))
-    solution = Solution(
-        "ball-and-wheel",
-        "indirect",
-        answer.duration,
-        answer.duration,
-        np.nan,
-        t,
-        state,
-        control,
-        costate,
-        wall=clock.perf_counter() - began,
-        certificate=certificate,
-        notes={"switch_s": answer.switch},
-    )
-    return acceleration.judge(solution, drift=1e-9, gap=1e-9)
-
-
-def _ball_direct(angle: float, rate: float, low: float, high: float) -> Solution:
-    """IPOPT with two phases of free duration, controls free."""
-    problem = _ball_problem(angle, rate, low, high)
-    guess = [np.array([0.5 * angle, -abs(high) * 0.05]), np.array([0.0, 0.0])]
-    answer = solve_phases(problem, (0, 0), intervals=10, guess=guess, guess_duration=0.2)
-    if answer is None:
-        return acceleration.failed("ball-and-wheel", "direct", "IPOPT found no answer")
-    state, control, costate, mode = answer.middles()
-    return Solution(
-        "ball-and-wheel",
-        "direct",
-        answer.cost,
-        float(answer.time[-1]),
-        np.nan,
-        answer.time,
-        answer.state,
-        answer.control,
-        answer.costate,
-        wall=answer.wall,
-        certificate=problem.certify(state, control, costate, mode),
-    )
-
-
-def lqr(methods: tuple[str, ...], car: Car | None) -> list[Solution]:
-    """Linear quadratic: close a 10 m gap error at a closing speed of -2 m/s; J is the quadratic cost."""
-    a, b = np.array([[0.0, 1.0], [0.0, -0.05]]), np.array([[0.0], [1.0]])
-    q, r = np.diag([0.1, 1.0]), np.array([[4.0]])
-    start, horizon = np.array([10.0, -2.0]), 60.0
-    found = []
-    for method in methods:
-        began = clock.perf_counter()
-        if method == "indirect":
-            s, gain = linear_quadratic.continuous_regulator(a, b, q, r)
-            t = np.linspace(0.0, horizon, 601)
-            step = linear_quadratic.expm((a - b @ gain) * (t[1] - t[0]))
-            state = [start]
-            for _ in t[1:]:
-                state.append(step @ state[-1])
-            x = np.array(state)
-            found.append(
-                Solution(
-                    "lqr",
-                    method,
-                    float(0.5 * start @ s @ start),
-                    horizon,
-                    np.nan,
-                    t,
-                    x,
-                    -x @ gain.T,
-                    -x @ s,
-                    wall=clock.perf_counter() - began,
-                    certificate=_regulator_problem(a, b, q, r, start, horizon).certify(
-                        x[::20], (-x @ gain.T)[::20], (-x @ s)[::20], np.zeros(len(x[::20]), np.int64), samples=401
-                    ),
-                )
-            )
-        elif method == "direct":
-            problem = _regulator_problem(a, b, q, r, start, horizon)
-            answer = solve_phases(problem, (0, 0), intervals=60, guess_durations=(0.3, 0.7), guess_control=(0.0,))
-            if answer is None:
-                found.append(acceleration.failed("lqr", method, "IPOPT found no answer"))
-                continue
-            middles = answer.middles()
-            found.append(
-                Solution(
-                    "lqr",
-                    method,
-                    answer.cost,
-                    horizon,
-                    np.nan,
-                    answer.time,
-                    answer.state,
-                    answer.control,
-                    answer.costate,
-                    wall=answer.wall,
-                    certificate=problem.certify(*middles, samples=401),
-                )
-            )
-        else:
-            costs = []
-            for dt in (0.02, 0.01):
-                flow = linear_quadratic.expm(np.block([[a, b], [np.zeros((1, 3))]]) * dt)
-                s, _ = linear_quadratic.discrete_regulator(flow[:2, :2], flow[:2, 2:], q * dt, r * dt)
-                costs.append(float(0.5 * start @ s @ start))
-            nothing = np.empty((0, 2))
-            found.append(
-                Solution(
-                    "lqr",
-                    method,
-                    2.0 * costs[1] - costs[0],
-                    horizon,
-                    np.nan,
-                    np.empty(0),
-                    nothing,
-                    nothing[:, :1],
-                    nothing,
-                    wall=clock.perf_counter() - began,
-                    certificate=Certificate(mesh_error=abs(costs[0] - costs[1]) / costs[1]),
-                )
-            )
-    return found
-
-
-def _regulator_problem(a, b, q, r, start, horizon: float) -> Problem:
-    return Problem(
-        name="lqr",
-        dynamics=lambda x, u, mode: [x[1], a[1, 1] * x[1] + u[0]],
-        running_cost=lambda x, u, mode: 0.5 * (q[0, 0] * x[0] ** 2 + q[1, 1] * x[1] ** 2 + r[0, 0] * u[0] ** 2),
-        start=tuple(start),
-        target=(None, None),
-        duration=horizon,
-        control_low=(-10.0,),
-        control_high=(10.0,),
-        scale=(10.0, 2.0),
-    )
 
 
 CASES: dict[str, Callable[[tuple[str, ...], Car | None], list[Solution]]] = {
     "cvt-free": cvt_free,
+    "cvt-fixed": cvt_fixed,
     "cvt-distance": cvt_distance,
     "cvt-corner": cvt_corner,
     "six-speed-free": six_speed_free,
     "six-speed-fixed": six_speed_fixed,
     "six-speed-limit": six_speed_limit,
+    "speed-limit": limited,
     "soft-vs-pontryagin": soft_vs_pontryagin,
-    "ball-and-wheel": ball_and_wheel_case,
+    "ball-and-wheel": reference_cases.ball_and_wheel_case,
     "route": route,
-    "lqr": lqr,
+    "vector-cost": vector_cost.trades,
+    "lqr": reference_cases.lqr,
 }
 """Name -> solver; the first line of its docstring is what `solve --list` shows."""
+ACCELERATIONS = ("cvt-free", "cvt-fixed", "six-speed-free", "six-speed-fixed", "six-speed-limit")

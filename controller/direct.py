@@ -8,7 +8,7 @@ of the continuity conditions: perturbing x_{k+1} = F(x_k) by d costs dV/dx d, so
 
 import itertools
 import time as clock
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -113,7 +113,7 @@ def solve_phases(
                     require(item, lower, upper)
                     rows += item.numel()
             else:
-                end, gained = _runge_kutta(rate, x, u, dt, scale, 2)
+                end, gained = _runge_kutta(rate, x, u, dt, scale, SUBSTEPS)
             cost = cost + gained
             if transcription == "single":
                 x = end
@@ -151,6 +151,8 @@ def solve_phases(
     costate = np.full((len(states) + 1, nx), np.nan)
     for place, node in continuity:
         costate[node] = multipliers[place : place + nx] / scale
+    if transcription == "single":
+        _propagate(costate, functions, state.T, control.T, steps.ravel(), modes)
     return DirectAnswer(
         cost=float(answer["f"]) / cost_scale,
         time=np.concatenate([[0.0], np.cumsum(steps.ravel())]),
@@ -219,6 +221,34 @@ def _runge_kutta(rate, x, u, dt, scale, substeps: int):
         x = x + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / scale
         gained = gained + h / 6.0 * (l1 + 2.0 * l2 + 2.0 * l3 + l4)
     return x, gained
+
+
+SUBSTEPS = 6
+"""Runge-Kutta steps of one interval of a shooting method."""
+
+
+def _propagate(
+    costate: NDArray[np.float64],
+    functions: Mapping[int, tuple[ca.Function, ca.Function]],
+    state: NDArray[np.float64],
+    control: NDArray[np.float64],
+    steps: NDArray[np.float64],
+    modes: Sequence[int],
+) -> None:
+    """Fill `costate` (n + 1, nx) from its first row, the multiplier of the start, by the discrete adjoint.
+
+    Single shooting has no continuity conditions. V_k(x) = l(x, u) + V_{k+1}(F(x, u)) and lambda = -dV/dx give
+    lambda_{k+1} = (dF/dx)^-T (lambda_k + dl/dx), where no path constraint is active.
+    """
+    nx = state.shape[1]
+    x, u, dt = ca.MX.sym("x", nx), ca.MX.sym("u", control.shape[1]), ca.MX.sym("dt")
+    slopes = {}
+    for mode, (rate, _) in functions.items():
+        end, gained = _runge_kutta(rate, x, u, dt, np.ones(nx), SUBSTEPS)
+        slopes[mode] = ca.Function("slopes", [x, u, dt], [ca.jacobian(end, x), ca.gradient(gained, x)])
+    for k, mode in enumerate(modes):
+        over_x, cost_x = (np.asarray(part) for part in slopes[mode](state[k], control[k], steps[k]))
+        costate[k + 1] = np.linalg.solve(over_x.T, costate[k] + cost_x.ravel())
 
 
 RADAU = np.array([0.15505102572168222, 0.6449489742783178, 1.0])

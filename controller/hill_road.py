@@ -130,9 +130,15 @@ def direct(problem: HillRoad, *, intervals: int = 200) -> Solution:
     worth = np.append(np.asarray(answer["lam_g"]).ravel()[:intervals] * 1e6, np.nan)
     time = np.concatenate([[0.0], np.cumsum(ds * 2.0 / (speed[1:] + speed[:-1]))])
     place = np.linspace(0.0, problem.length, intervals + 1)
+    # the multiplier of the step from k to k + 1 is lambda_E in its middle
+    other = np.linspace(0.0, 120.0, 241)[:, None]
+    price = worth[:-1] / problem.effective_mass
+    gain = price * other * problem.ratio - problem.fuel_per_metre(other)
+    gap = gain.max(axis=0) - (price * t * problem.ratio - problem.fuel_per_metre(t))
+    certificate = Certificate(maximum_gap=float(gap.max() / problem.fuel_per_metre(t).mean()))
     solution = _solution(
         "direct", float(answer["f"]) * 1e6, place, speed, np.append(t, t[-1]), worth * speed, time,
-        clock.perf_counter() - began, Certificate(),
+        clock.perf_counter() - began, certificate,
     )  # fmt: skip
     return solution if solver.stats()["success"] else solution.refuse("IPOPT did not converge")
 
@@ -152,7 +158,11 @@ def dynamic_programming(problem: HillRoad, *, step: float = 20.0, nodes: int = 4
         )  # fmt: skip
         costs.append(advice.trip_fuel + problem.time_value * advice.trip_time)
     assert advice is not None
-    certificate = Certificate(mesh_error=abs(costs[0] - costs[1]) / costs[1])
+    certificate = Certificate(
+        mesh_error=abs(costs[0] - costs[1]) / costs[1],
+        maximum_gap=advice.certificate["maximum_gap"],
+        hull_gain=advice.certificate["hull_gain"],
+    )
     return _solution(
         "dp", costs[1], advice.s, advice.speed, advice.torque, advice.costate, advice.time,
         clock.perf_counter() - began, certificate,

@@ -179,7 +179,9 @@ class RouteProblem:
     def hold(self) -> tuple[NDArray[np.float64], ...]:
         """The table's lines, without columns where pulse and glide is allowed."""
         first, width, *rest = self.table.hold
-        return (first, width, *(part[:, :0].copy() for part in rest)) if self.comfort.pulse_and_glide else self.table.hold
+        return (
+            (first, width, *(part[:, :0].copy() for part in rest)) if self.comfort.pulse_and_glide else self.table.hold
+        )
 
     def value_function(self, time_value: float) -> NDArray[np.float64]:
         """Sweep backwards: V (K+1, G+1, n) over the corridor's nodes, J."""

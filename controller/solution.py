@@ -25,6 +25,11 @@ class Certificate:
     """Why the answer is not to be used; None when it stands."""
 
 
+LIMITS = {"indirect": (1e-6, 1e-6, 1e-6), "direct": (0.1, 0.1, 0.02), "dp": (0.1, 0.1, 0.02)}
+"""Method -> what its drift of H, its gap in the maximum and its mesh error may be. A direct method's controls are
+constant over intervals, a dynamic programme's states lie on a grid: neither can be an extremal to the last digit."""
+
+
 @dataclass(frozen=True)
 class Shift:
     """A change of gear."""
@@ -70,6 +75,20 @@ class Solution:
         """The same, refused."""
         return replace(self, certificate=replace(self.certificate, refused=reason))
 
+    def judged(self) -> "Solution":
+        """The same, refused where its certificate fails the limits of its kind of method; see `LIMITS`."""
+        kind = next((kind for kind in LIMITS if self.method.startswith(kind)), None)
+        if self.certificate.refused is not None or kind is None:
+            return self
+        c, (drift, gap, mesh) = self.certificate, LIMITS[kind]
+        if c.hamiltonian_drift is not None and not c.hamiltonian_drift <= drift:
+            return self.refuse(f"Hamiltonian drifts by {c.hamiltonian_drift:.1e} of P_in, more than {drift:.0e}")
+        if c.maximum_gap is not None and not c.maximum_gap <= gap:
+            return self.refuse(f"another control raises H by {c.maximum_gap:.1e} of P_in, more than {gap:.0e}")
+        if c.mesh_error is not None and not c.mesh_error <= mesh:
+            return self.refuse(f"halving the mesh changes J by {c.mesh_error:.1%}, more than {mesh:.0%}")
+        return self
+
     def row(self) -> dict[str, Any]:
         """The row of `rollingroad solve --json`: a refused solution keeps its row, with J and time null."""
         stands = self.certificate.refused is None
@@ -104,3 +123,11 @@ class Solution:
 def _number(value: float | None) -> float | None:
     """JSON has no NaN."""
     return None if value is None or not np.isfinite(value) else float(value)
+
+
+def failed(case: str, method: str, reason: str) -> Solution:
+    """The row of a method that found nothing."""
+    empty = np.empty(0)
+    return Solution(
+        case, method, np.nan, np.nan, np.nan, empty, empty, empty, empty, certificate=Certificate(refused=reason)
+    )

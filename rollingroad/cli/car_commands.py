@@ -39,12 +39,20 @@ def dyno(car: CarOption = None, json: Json = False) -> None:
 @app.command(epilog="Examples: rollingroad solve six-speed-free · rollingroad solve --list")
 def solve(
     case: Annotated[str | None, typer.Argument(help="A case of optimal control.")] = None,
-    method: Annotated[str, typer.Option("--method", help="indirect, direct, dp: one or several, by commas.")] = "",
+    method: Annotated[
+        str,
+        typer.Option(
+            "--method",
+            help="indirect, direct, dp, by commas; accelerations also indirect-multiple, direct-single, direct-multiple.",
+        ),
+    ] = "",
     car: CarOption = None,
     list_: Annotated[bool, typer.Option("--list", help="List the cases.")] = False,
     json: Json = False,
 ) -> int:
     """Solve a case of optimal control by several methods; each answer carries its certificate."""
+    from inspect import getdoc
+
     from controller.cases import CASES, METHODS
     from controller.cases import solve as solve_case
     from rollingroad.cli.output import console, print_json
@@ -55,7 +63,10 @@ def solve(
     if list_ or case is None:
         if not list_:
             raise BadInput("solve", "CASE", f"expected one of {', '.join(CASES)}")
-        print_json({"cases": list(CASES)}) if json else console().print("\n".join(CASES))
+        print_json({"cases": list(CASES)}) if json else console().print(
+            "\n".join(f"{name:18s} {(getdoc(solver) or '').splitlines()[0]}" for name, solver in CASES.items()),
+            markup=False,
+        )
         return 0
     methods = tuple(part.strip() for part in method.split(",") if part.strip()) or METHODS
     solutions = solve_case(case, methods, read_car(car) if car else None)

@@ -6,12 +6,24 @@ import numpy as np
 import pytest
 
 from controller import pulse_and_glide as pulse_and_glide_module
-from controller.cases import CASES, solve
+from controller.cases import CASES, METHODS, solve
 from controller.controller_model import RPM, THESIS, THESIS_CVT, model_of
+from controller.direct import solve_phases
+from controller.distance import cheapest_power
+from controller.problem import acceleration_problem
 from controller.pulse_and_glide import pulse_and_glide
 from vehicle_model.car.errors import BadInput
 
-AGREEING = ("cvt-free", "cvt-corner", "six-speed-free", "six-speed-fixed", "ball-and-wheel", "route", "lqr")
+AGREEING = (
+    "cvt-free",
+    "cvt-fixed",
+    "cvt-corner",
+    "six-speed-free",
+    "six-speed-fixed",
+    "ball-and-wheel",
+    "route",
+    "lqr",
+)
 """Cases with one optimum: three methods within half a percent."""
 
 
@@ -21,7 +33,8 @@ def solved():
 
     def get(case):
         if case not in answers:
-            answers[case] = {s.method: s for s in solve(case)}
+            methods = ("dp",) if case == "vector-cost" else METHODS
+            answers[case] = {s.method: s for s in solve(case, methods)}
         return answers[case]
 
     return get
@@ -96,6 +109,49 @@ def test_at_an_engine_speed_limit_the_costate_jumps_and_the_methods_agree(solved
         assert np.interp(t, programmed.time[known], programmed.costate[known, 0]) == pytest.approx(expected, rel=0.01)
 
 
+def test_the_boundary_arc_at_a_speed_limit_by_four_methods(solved):
+    """B.2.5.3: H = 0 and maximal on the limit and off it, eta >= 0 there; IPOPT, DP and the penalty concur."""
+    answers = solved("speed-limit")
+    assert [s.certificate.refused for s in answers.values()] == [None] * 4
+    costs = [s.cost for s in answers.values()]
+    assert max(costs) / min(costs) - 1.0 < 5e-4
+    shot = answers["indirect"]
+    assert shot.certificate.hamiltonian_drift < 1e-9
+    assert shot.notes["eta"] > 0.0
+    assert 0.5 < shot.notes["share_on_limit"] < 0.7
+    on_limit = np.abs(shot.state[:, 1] - 70 / 3.6) < 1e-9
+    assert np.ptp(shot.costate[on_limit, 1]) == 0.0
+    assert np.all(np.diff(shot.costate[:, 0]) == 0.0)  # the place does not enter
+    # entered tangentially: lambda_v is continuous, the acceleration dies away
+    first = np.flatnonzero(on_limit)[0]
+    assert shot.costate[first - 1, 1] == pytest.approx(shot.costate[first, 1], rel=2e-3)
+    assert answers["direct-penalty"].cost < answers["direct"].cost
+    assert answers["direct-penalty"].notes["overshoot_percent"] > 0.0
+
+
+def test_the_limit_as_a_price_rises_to_the_limit_as_a_law():
+    from controller.speed_limit import LimitedRoad, direct, indirect
+
+    road = LimitedRoad()
+    costs = [direct(road, (1, 2, 6), penalty=weight).cost for weight in (1e5, 1e6, 1e7)]
+    assert np.all(np.diff(costs) > 0.0)
+    assert 0.9995 * indirect(road).cost < costs[-1] < direct(road, (1, 2, 6)).cost
+
+
+def test_a_limit_that_cannot_bind_or_be_reached_is_told_with_the_nearest_that_can():
+    from dataclasses import replace
+
+    from controller.speed_limit import LimitedRoad, indirect
+
+    road = LimitedRoad()
+    with pytest.raises(BadInput, match="nearest that binds is"):
+        indirect(replace(road, limit=40.0))
+    with pytest.raises(BadInput, match="nearest feasible is 565 m"):
+        indirect(replace(road, distance=100.0))
+    with pytest.raises(BadInput, match="end speed"):
+        indirect(replace(road, end_speed=30.0))
+
+
 def test_the_penalised_problem_rises_to_the_constrained_one_from_below(solved):
     """B.2.5.3, penalisation: a bound from below that tightens with the weight."""
     from dataclasses import replace
@@ -154,6 +210,49 @@ def test_pulses_and_glides_do_not_depend_on_their_slices(monkeypatch):
     assert found[0] == pytest.approx(found[1], rel=1e-5)
 
 
+def test_the_best_drive_without_pulses_costs_more_than_the_infimum_and_less_than_the_corner(solved):
+    """Pulse and glide forbidden: a constant speed, which brute force over speeds and loads finds too."""
+    answers = solved("cvt-distance")
+    steady, corner = answers["dp-steady"], answers["indirect"]
+    assert answers["dp"].cost < 0.8 * steady.cost
+    assert steady.cost < corner.cost
+    speeds = np.linspace(4.0, 20.0, 321)
+    shaft, least = cheapest_power(THESIS_CVT)
+    needed = THESIS_CVT.road_load(speeds) * speeds
+    per_metre = np.where(needed >= shaft[0], np.interp(needed, shaft, least) / speeds, np.inf)
+    speed = steady.state[:, 1]
+    middle = slice(len(speed) // 3, 2 * len(speed) // 3)
+    assert np.ptp(speed[middle]) < 0.5
+    assert speed[middle].mean() == pytest.approx(speeds[np.argmin(per_metre)], rel=0.1)
+    assert steady.cost == pytest.approx(5000.0 * per_metre.min(), rel=0.01)
+
+
+@pytest.mark.parametrize("case", ["cvt-fixed", "six-speed-fixed"])
+def test_indirect_multiple_shooting_by_name(solved, case):
+    (answer,) = solve(case, ("indirect-multiple",))
+    assert answer.certificate.refused is None
+    assert answer.cost == pytest.approx(solved(case)["indirect"].cost, rel=1e-7)
+
+
+def test_single_shooting_finds_the_costates_of_multiple_shooting():
+    """Single shooting has no continuity conditions: its costates come of the discrete adjoint, and are the same."""
+    problem = acceleration_problem(THESIS, 10.0, 18.0, None)
+    settings = dict(intervals=6, guess=[np.array([13.0]), np.array([18.0])], guess_control=(80.0,), shortest=0.02)
+    single = solve_phases(problem, (1, 2), transcription="single", **settings)
+    multiple = solve_phases(problem, (1, 2), transcription="multiple", **settings)
+    assert single.cost == pytest.approx(multiple.cost, rel=1e-8)
+    assert single.costate[:, 0] == pytest.approx(multiple.costate[:, 0], rel=1e-3)
+
+
+def test_pricing_a_component_lowers_it(solved):
+    rows = solved("vector-cost")
+    plain = rows["dp"]
+    assert all(row.cost >= plain.cost * (1.0 - 1e-6) for row in rows.values())
+    assert rows["dp-few-shifts"].notes["shifts"] < plain.notes["shifts"]
+    assert rows["dp-gentle"].notes["discomfort_m2_s4"] < 0.6 * plain.notes["discomfort_m2_s4"]
+    assert rows["dp-emissions"].notes["nox_kg"] < 0.8 * plain.notes["nox_kg"]
+
+
 def test_soft_driver_printed_and_fair_comparison_differ_as_computed():
     optimal, soft, fair = solve("soft-vs-pontryagin")
     assert optimal.cost == pytest.approx(878e3, rel=2e-3)
@@ -181,6 +280,10 @@ def test_another_car_is_solved_with_its_own_parameters(smart):
 def test_unknown_names_are_told():
     with pytest.raises(BadInput, match="six-speed-free"):
         solve("five-speed")
+    with pytest.raises(BadInput, match="dp: vector-cost"):
+        solve("vector-cost", ("indirect",))
+    with pytest.raises(BadInput, match="fixed time"):
+        solve("six-speed-free", ("indirect-multiple",))
     with pytest.raises(BadInput, match="indirect, direct, dp"):
         solve("lqr", ("magic",))
     assert all(solver.__doc__ for solver in CASES.values())
