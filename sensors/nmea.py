@@ -72,7 +72,7 @@ class Reader:
     damage: dict[str, int] = field(default_factory=lambda: {"bad_sentence": 0, "undated_fix": 0})
     _rest: NDArray[np.uint8] = field(default_factory=lambda: np.empty(0, np.uint8))
     _state: NDArray[np.float64] = field(default_factory=_fresh_state)
-    _rest_place: int = -1
+    _in_rubbish: bool = False
 
     def feed(
         self, text: NDArray[np.uint8], ends: NDArray[np.int64], places: NDArray[np.int64], final: bool = False
@@ -85,7 +85,7 @@ class Reader:
         text = np.concatenate((self._rest, text)) if kept else text
         room = text.size // 7 + 2
         begins, stops = np.empty(room, np.int64), np.empty(room, np.int64)
-        counters = np.zeros(1, np.int64)
+        counters = np.array([0, self._in_rubbish], np.int64)
         count, used = kernels.find_sentences(text, final, begins, stops, counters)
         kind, status = np.empty(count, np.int64), np.empty(count, np.int64)
         values = np.empty((count, 9))
@@ -98,7 +98,7 @@ class Reader:
         sentence_place = places[piece] if piece.size else np.empty(0, np.int64)
         out, out_place = np.empty((count + 2, 9)), np.empty(count + 2, np.int64)
         found = kernels.join_epochs(kind, values, sentence_place, count, final, self._state, out, out_place)
-        self._rest = text[used:].copy()
+        self._rest, self._in_rubbish = text[used:].copy(), bool(counters[1])
         self.damage["bad_sentence"] += int(counters[0])
         self.damage["undated_fix"] = int(self._state[5])
         return out[:found].view(FIX).reshape(-1), out_place[:found]

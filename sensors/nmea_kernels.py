@@ -177,11 +177,12 @@ def _hex(byte):
 def find_sentences(text, final, begins, ends, counters):
     """Find checked sentences in `text` (uint8): `begins[i]` is its $, `ends[i]` lies behind its check.
 
-    Adds to `counters` (int64, 1) the sentences that were damaged. Returns (sentences, bytes used).
+    Adds to `counters[0]` (int64, 2) the sentences that were damaged; `counters[1]` tells whether the bytes before were
+    rubbish already counted, from call to call. Returns (sentences, bytes used).
     """
     at = 0
     found = 0
-    rubbish = False
+    rubbish = counters[1] != 0
     stop = text.size
     while at < stop:
         byte = text[at]
@@ -198,7 +199,7 @@ def find_sentences(text, final, begins, ends, counters):
             check ^= text[i]
             i += 1
         if i - at < LONGEST and (i == stop or (text[i] == STAR and i + 2 >= stop)) and not final:
-            return found, at
+            break
         whole = i + 2 < stop and text[i] == STAR
         if whole and _hex(text[i + 1]) * 16 + _hex(text[i + 2]) == check and _hex(text[i + 2]) >= 0:
             begins[found] = at
@@ -209,6 +210,7 @@ def find_sentences(text, final, begins, ends, counters):
             counters[0] += 1
             rubbish = True
             at += 1
+    counters[1] = rubbish
     return found, at
 
 
