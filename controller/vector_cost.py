@@ -44,8 +44,10 @@ TRADES = (
 
 
 def trades(methods: tuple[str, ...], car: Car | None) -> list[Solution]:
-    """Fuel, time, gear changes, comfort and an emission: what pricing each one does to all. By dp only: raises
-    BadInput where it is not asked for."""
+    """Fuel, time, gear changes, comfort and an emission: what pricing each one does to all.
+
+    By dp only: raises BadInput where that is not asked for.
+    """
     if "dp" not in methods:
         raise BadInput("method", ", ".join(methods), "dp: vector-cost is planned on a map")
     _, fuel_map = speed_limit.car_and_map(speed_limit.LimitedRoad() if car is None else speed_limit.car_road(car))

@@ -43,7 +43,7 @@ def solve(
         str,
         typer.Option(
             "--method",
-            help="indirect, direct, dp, by commas; accelerations also indirect-multiple, direct-single, direct-multiple.",
+            help="indirect, direct, dp, by commas; accelerations: indirect-multiple, direct-single, direct-multiple too.",
         ),
     ] = "",
     car: CarOption = None,
@@ -65,7 +65,7 @@ def solve(
             raise BadInput("solve", "CASE", f"expected one of {', '.join(CASES)}")
         print_json({"cases": list(CASES)}) if json else console().print(
             "\n".join(f"{name:18s} {(getdoc(solver) or '').splitlines()[0]}" for name, solver in CASES.items()),
-            markup=False,
+            soft_wrap=True,
         )
         return 0
     methods = tuple(part.strip() for part in method.split(",") if part.strip()) or METHODS
