@@ -24,8 +24,8 @@ ADVISORS: dict[str, Callable[[Context], Advisor]] = {
 }
 """`oracle` is dynamic programming on half the step with twice the speeds: its context holds the true map, and its
 driver follows exactly (`drive(..., perfect=True)`)."""
-FIXED = ("glide", "coach")
-"""Those that a price of time does not change."""
+FIXED = ("glide",)
+"""Those that neither a price of time nor the pace changes."""
 
 
 def make(name: str, context: Context) -> Advisor:

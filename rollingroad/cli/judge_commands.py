@@ -45,7 +45,9 @@ def evaluate(
         str | None, typer.Option("--scenarios", metavar="S,T", help="All that ship by default.")
     ] = None,
     car: Annotated[str, typer.Option("--car", metavar="C,D", help="Cars, by commas.")] = "smart",
-    seeds: Annotated[int, typer.Option("--seeds", min=1, help="Seeds 0 to N - 1, paired.")] = 5,
+    seeds: Annotated[int, typer.Option("--seeds", min=1, help="How many, paired.")] = 5,
+    first_seed: Annotated[int, typer.Option("--first-seed", min=0, help="The others follow it.")] = 0,
+    oracle: Annotated[bool, typer.Option(help="Also drive as the oracle: its share and the regret account.")] = True,
     workers: Workers = None,
     cluster: Cluster = None,
     out: Annotated[Path, typer.Option("--out", help="Where finished drives are kept.")] = Path("evaluation"),
@@ -74,10 +76,11 @@ def evaluate(
         chosen,
         _listed(car),
         _listed(baselines),
-        seeds,
+        range(first_seed, first_seed + seeds),
     )
+    store = Store(out / "units")
     with progress(quiet=json) as tell:
-        found = evaluated(worlds, _listed(advisors), Store(out / "units"), workers=workers, cluster=cluster, tell=tell)
+        found = evaluated(worlds, _listed(advisors), store, workers=workers, cluster=cluster, oracle=oracle, tell=tell)
     write_json(out / "evaluation.json", found)
     write_evaluation(found, out / "evaluation.html")
     print_json(found) if json else evaluate_table(found, out / "evaluation.html")

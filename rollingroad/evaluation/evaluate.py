@@ -16,7 +16,8 @@ The five sum to advised - oracle. An advisor that plans no route loses to its me
 """
 
 import functools
-from collections.abc import Callable, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -26,20 +27,24 @@ from scipy.stats import t as student
 
 from rollingroad.evaluation.compare import Consumption, bracket, corrected_fuel
 from rollingroad.evaluation.engine import Outcome, opened, run_units
-from rollingroad.evaluation.evaluate_advisors import FIXED, PLANNERS, UNHURRIED, advisor_names
+from rollingroad.evaluation.evaluate_advisors import FIXED, PACED, PLANNERS, UNHURRIED, advisor_names
 from rollingroad.evaluation.store import Store, Unit
 from rollingroad.task import Task
 from vehicle_model.car.errors import BadInput
 
 DRIVES = "rollingroad.evaluation.evaluate_drives"
-HASTE = 10.0
-"""Ratio of the first two prices of time."""
+PRICE_STEP = 10.0**0.25
+"""Ratio between neighbouring prices: all prices are powers of it, so that more seeds find the drives of fewer done."""
+LEAP = 2
+"""Steps to the next price while all are on one side of the baseline's time; twice that if they are far from it."""
+FAR = 0.05
+"""Relative time that is far."""
 CLOSE = 0.01
 """Mean trip times this near to the baseline's are equal enough where no price is slower, or none faster."""
 WIDTH = 0.03
 """Relative times this near to each other on both sides of the baseline's are interpolated between."""
-ROUNDS = 4
-"""Rounds of prices at most."""
+ROUNDS = 7
+"""Prices at most."""
 SEARCHES = 32
 """Searches side by side."""
 LOSSES = ("fit", "estimation", "optimiser", "driver", "traffic")
@@ -100,11 +105,13 @@ def evaluate(
     cluster: str | None = None,
     timeout: float | None = 900.0,
     drives: str = DRIVES,
+    oracle: bool = True,
     tell: Callable[[str], None] = lambda text: None,
 ) -> dict[str, Any]:
     """Return the object of `evaluate --json`; what `store` holds is not driven again. Raises BadInput.
 
-    `drives` is the module of the units. A drive that fails is told in `failed` with its seed, and its seed is missing
+    `drives` is the module of the units; `oracle` False leaves the oracle's drives out, and with them what is measured
+    against it. A drive that fails is told in `failed` with its seed, and its seed is missing
     from the row's `seeds`; a row without a fair figure has null there, and the reason in `failed`.
     """
     known = advisor_names()
@@ -123,8 +130,10 @@ def evaluate(
         with ThreadPoolExecutor(SEARCHES if client is not None else 1) as pool:
             judged = list(pool.map(lambda world: _World(world, run, drives), worlds))
             wanted = [Way(name) if name != "oracle" else ORACLE for name in advisors]
-            ways = list(dict.fromkeys([*wanted, HUMAN_ORACLE, ORACLE]))
-            list(pool.map(lambda pair: pair[0].search(pair[1]), [(world, way) for world in judged for way in ways]))
+            # The oracle's search begins at the price that the advised drives ended with.
+            oracles = [way for way in (HUMAN_ORACLE, ORACLE) if oracle and way not in wanted]
+            for ways in (list(dict.fromkeys(wanted)), oracles):
+                list(pool.map(lambda pair: pair[0].search(pair[1]), [(world, way) for world in judged for way in ways]))
             rows = list(
                 pool.map(
                     lambda pair: pair[0].row(pair[1]),
@@ -187,13 +196,19 @@ class _World:
                     driven.setdefault(more["price"], {})[seed] = outcome.result
             return [self._mean(driven[price], price) for price in prices if price in driven]
 
-        first = (self._first_price,) if way.advisor in FIXED else (self._first_price, HASTE * self._first_price)
-        _drive_around(at, first, rounds=1 if way.advisor in FIXED else ROUNDS)
+        _drive_around(at, self._begin_with(way), rounds=1 if way.advisor in FIXED else ROUNDS)
         found = self._at_equal_time(driven)
         if found is None or not found.equal:
             self._fail(way.advisor, "no price of time makes the mean trip as long as the baseline's", drive=str(way))
         if found is not None:
             self._found[way] = found
+
+    def _begin_with(self, way: Way) -> float:
+        """A price (W) to begin with: what another planner ended with, the plan's, or full pace for who plans none."""
+        if way.advisor in PACED:
+            return UNHURRIED
+        ended = [found.price for done, found in self._found.items() if way.knowledge == "true" and _planned(done)]
+        return ended[0] if ended else self._first_price
 
     def _mean(self, drives: Mapping[int, Account], price: float) -> Consumption:
         """Sums over the seeds; `time` relative to the baseline's over the same seeds."""
@@ -315,29 +330,44 @@ class _World:
         }
 
 
-def _drive_around(at: Callable[[Sequence[float]], Sequence[Consumption]], prices: Sequence[float], rounds: int) -> None:
-    """Drive at prices of time until two relative times around 1 are `WIDTH` apart, or `rounds` are over.
+def _planned(way: Way) -> bool:
+    return way.advisor in PLANNERS or way.advisor == "oracle"
 
-    As `compare.search_bracket`, but content with a time within `CLOSE` where the next price would be below
-    `UNHURRIED`: to hold back a drive that is a little quicker only costs fuel.
+
+def on_grid(price: float) -> int:
+    """Number of the nearest price that is driven at: `PRICE_STEP` to that power."""
+    return round(math.log(price) / math.log(PRICE_STEP))
+
+
+def _drive_around(at: Callable[[Sequence[float]], Sequence[Consumption]], price: float, rounds: int) -> None:
+    """Drive at prices of time until two relative times around 1 are `WIDTH` or one step apart, or `rounds` are over.
+
+    One price after the other, each where the times so far point to; content with a time within `CLOSE` where the next
+    price would be below `UNHURRIED`: to hold back a drive that is a little quicker only costs fuel.
     """
-    done = list(at(prices))
-    for _ in range(rounds - 1):
+    times: dict[int, float] = {}
+    step = on_grid(price)
+    for _ in range(rounds):
+        done = at([PRICE_STEP**step])
         if not done:
             return
-        times, driven = [drive.time for drive in done], [drive.price for drive in done]
-        pair = bracket(times, 1.0)
-        if pair is None and min(times) > 1.0:
-            done += at((2.0 * max(driven), 5.0 * max(driven)))
+        times[step] = done[0].time
+        steps = sorted(times)
+        pair = bracket([times[k] for k in steps], 1.0)
+        if pair is None and min(times.values()) > 1.0:
+            step = steps[-1] + (2 * LEAP if min(times.values()) > 1.0 + FAR else LEAP)
         elif pair is None:
-            if max(times) >= 1.0 - CLOSE and min(driven) <= UNHURRIED:
+            quick = 1.0 - max(times.values())
+            if quick <= CLOSE and steps[0] <= on_grid(UNHURRIED):
                 return
-            done += at((min(driven) / 2.0, min(driven) / 5.0))
+            step = steps[0] - (2 * LEAP if quick > FAR else LEAP)
         else:
-            low, high = sorted(driven[i] for i in pair)
-            if times[pair[1]] - times[pair[0]] <= WIDTH or high <= low * 1.001:
+            slow, fast = (steps[i] for i in reversed(pair))
+            if times[slow] - times[fast] <= WIDTH or abs(fast - slow) <= 1:
                 return
-            done += at([low ** (1.0 - share) * high**share for share in (1.0 / 3.0, 2.0 / 3.0)])
+            share = (times[slow] - 1.0) / (times[slow] - times[fast])
+            low, high = sorted((slow, fast))
+            step = min(max(round(slow + share * (fast - slow)), low + 1), high - 1)
 
 
 def interval(values: Sequence[float]) -> list[float] | None:
@@ -354,7 +384,7 @@ def worlds_of(
     scenarios: Sequence[str],
     cars: Sequence[str],
     baselines: Sequence[str],
-    seeds: int,
+    seeds: Iterable[int],
 ) -> list[World]:
     """Every combination; `tasks(scenario, car, seed)` reads and checks one."""
     from rollingroad.evaluation.evaluate_drives import arguments
@@ -362,10 +392,11 @@ def worlds_of(
     found = []
     for scenario in scenarios:
         for car in cars:
-            made = {seed: tasks(scenario, car, seed) for seed in range(seeds)}
+            made = {seed: tasks(scenario, car, seed) for seed in seeds}
+            one = next(iter(made.values()))
             for baseline in baselines:
                 units = {seed: arguments(task, car, baseline) for seed, task in made.items()}
-                found.append(World(made[0].scenario.name, made[0].car.name, baseline, units))
+                found.append(World(one.scenario.name, one.car.name, baseline, units))
     return found
 
 

@@ -13,11 +13,13 @@ from sim.advisor import Advisor, Context
 from sim.advisors import ADVISORS, FIXED, make
 from vehicle_model.car.errors import BadInput
 
-__all__ = ["FIXED", "PLANNERS", "UNHURRIED", "advisor", "advisor_names", "at_price", "pace", "plan"]
+__all__ = ["FIXED", "PACED", "PLANNERS", "UNHURRIED", "advisor", "advisor_names", "at_price", "pace", "plan"]
 
 GROUP = "rollingroad.advisors"
 PLANNERS = ("pontryagin",)
 """Those whose loss to the map and to the planner can be told apart on paper."""
+PACED = ("acceleration", "coach")
+"""Those that plan no route: only their pace makes their trips longer (`pace`)."""
 FINE, NODES = 2, 200
 """The planner's grid of speeds, and how much finer the oracle's is."""
 UNHURRIED = 100.0

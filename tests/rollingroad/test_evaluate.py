@@ -36,7 +36,30 @@ def test_fuel_is_compared_at_the_price_that_makes_the_mean_times_equal(tmp_path:
 
 def test_the_naive_figure_takes_the_thriftiest_price_and_looks_at_no_clock(tmp_path: Path) -> None:
     (row,) = judged(tmp_path, first_price=500.0)["rows"]
-    assert row["naive_saving_percent"] == pytest.approx(11.0), "one doubling below 1,000 W"
+    assert row["naive_saving_percent"] == pytest.approx(10.0 + np.log2(10.0**0.25)), "the next price below 1,000 W"
+
+
+def test_all_prices_are_of_one_grid_so_that_more_seeds_find_the_drives_of_fewer_done(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    judged(tmp_path, seeds=2, first_price=333.0)
+    driven = []
+
+    def watched(units: Any, **more: Any) -> Any:
+        outcomes = run_units(units, **more)
+        driven.extend(outcome for outcome in outcomes if outcome.computed)
+        return outcomes
+
+    monkeypatch.setattr("rollingroad.evaluation.evaluate.run_units", watched)
+    judged(tmp_path, seeds=3, first_price=333.0)
+    assert {outcome.unit.arguments["task"]["seed"] for outcome in driven} == {2}
+
+
+def test_without_the_oracle_nothing_is_measured_against_it(tmp_path: Path) -> None:
+    world = World("town", "smart", "eidm", {seed: {"seed": seed} for seed in range(2)})
+    (row,) = evaluate([world], ["pontryagin"], Store(tmp_path), workers=0, drives=DRIVES, oracle=False)["rows"]
+    assert row["fair_saving_percent"] == pytest.approx(10.0, abs=1e-6)
+    assert row["oracle_saving_percent"] is None and row["oracle_fraction"] is None and row["regret"] is None
 
 
 def test_one_price_for_all_seeds_makes_only_the_mean_equal_and_nobody_is_dropped(tmp_path: Path) -> None:
