@@ -43,7 +43,7 @@ def solve(
         str,
         typer.Option(
             "--method",
-            help="indirect, direct, dp, by commas; accelerations also: indirect-multiple, direct-single, direct-multiple.",
+            help="indirect, direct, dp, by commas; accelerations: indirect-multiple, direct-single, direct-multiple.",
         ),
     ] = "",
     car: CarOption = None,
