@@ -1,6 +1,7 @@
 """Looking at a run."""
 
 import shutil
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -10,9 +11,19 @@ from rollingroad.cli.app import app
 from rollingroad.cli.chain_commands import RunFolder
 
 
-@app.command()
+class Axis(StrEnum):
+    """What the views of a recording run over."""
+
+    time = "time"
+    distance = "distance"
+
+
+@app.command(epilog="Examples: rollingroad view runs/mixed-0 · rollingroad view runs/mixed-0 --over distance")
 def view(
     run: RunFolder,
+    over: Annotated[
+        Axis, typer.Option("--over", help="Compare both drivers at the same moment, or place.")
+    ] = Axis.time,
     save: Annotated[Path | None, typer.Option("--save", metavar="FILE.rrd", help="Copy it instead of opening.")] = None,
 ) -> int:
     """Open the run in rerun's viewer."""
@@ -20,14 +31,14 @@ def view(
     from vehicle_model.car.errors import BadInput
 
     if save is None:
-        return open_viewer(run)
+        return open_viewer(run, over.value)
     if not (run / "run.rrd").is_file():
         raise BadInput(run, "run.rrd", "expected a run folder that holds a recording")
     shutil.copyfile(run / "run.rrd", save)
     return 0
 
 
-@app.command()
+@app.command(epilog="Example: rollingroad display runs/mixed-0 --pace 4")
 def display(
     run: RunFolder,
     port: Annotated[int, typer.Option("--port", min=0, max=65535, help="0 takes a free one.")] = 0,

@@ -4,8 +4,11 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 
-def blueprint() -> rrb.Blueprint:
-    """Three tabs, every signal in three clicks: the drive, the observer, the engine with the advice."""
+def blueprint(timeline: str = "time") -> rrb.Blueprint:
+    """Three tabs, every signal in three clicks: the drive, the observer, the engine with the advice.
+
+    Every view runs over `timeline`, "time" (s) or "distance" (m), until another is chosen at the bottom left.
+    """
     whole = rrb.TimeAxis(
         view_range=rr.TimeRange(start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite())
     )
@@ -61,7 +64,7 @@ def blueprint() -> rrb.Blueprint:
     )
     return rrb.Blueprint(
         rrb.Tabs(drive, observer, engine_tab, active_tab=0),
-        rrb.TimePanel(state="collapsed", timeline="time", play_state="paused"),
+        rrb.TimePanel(state="collapsed", timeline=timeline, play_state="paused"),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         auto_views=False,

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -54,12 +55,18 @@ def write_recording(run: Run, path: Path) -> None:
     aside.replace(path)
 
 
-def view(folder: Path) -> int:
-    """Open the recording of the run in `folder` in rerun's viewer; return the viewer's exit status."""
+def view(folder: Path, over: str = "time") -> int:
+    """Open the recording of the run in `folder` in rerun's viewer, over "time" or "distance"; return its exit status.
+
+    Raises BadInput where the folder holds none.
+    """
     path = folder / "run.rrd"
     if not path.is_file():
         raise BadInput(folder, "run.rrd", "a run folder that holds a recording")
-    return subprocess.run([sys.executable, "-m", "rerun", str(path)], check=False).returncode
+    with tempfile.TemporaryDirectory(prefix="rollingroad-") as scratch:
+        layout = Path(scratch) / "layout.rbl"
+        blueprint(over).save("rollingroad", str(layout))
+        return subprocess.run([sys.executable, "-m", "rerun", str(path), str(layout)], check=False).returncode
 
 
 @dataclass(frozen=True)
@@ -209,7 +216,7 @@ def _write_records(out: _Writer, run: Run) -> None:
         rows = rows[np.argsort(rows["t"], kind="stable")]
         normalised = rows["innovation"] / np.sqrt(rows["variance"])
         fused = rows["fused"].astype(bool)
-        clock = _Clock(rows["t"])
+        clock = _estimated(run, rows["t"])
         out.series(f"innovation/{kind}", clock.where(fused), normalised[fused], charts.BLUE, kind, "dots")
         if not fused.all():
             out.series(f"rejected/{kind}", clock.where(~fused), normalised[~fused], charts.VERMILION, kind, "dots")
@@ -229,7 +236,7 @@ def _write_gps(out: _Writer, run: Run) -> None:
     geo = np.column_stack([gps["latitude"], gps["longitude"]])
     out.static("map/gps/fixes", rr.GeoPoints(lat_lon=geo, colors=colours, radii=rr.Radius.ui_points([2.0])))
     t = np.maximum.accumulate(gps["t"])
-    clock = _Clock(t)
+    clock = _estimated(run, t)
     out.columns("plan/gps/now", clock, rr.Points2D.columns(positions=positions))
     out.static("plan/gps/now", rr.Points2D.from_fields(colors=[_rgb(charts.PURPLE)], radii=rr.Radius.ui_points([4.0])))
     out.series("gps/hdop", clock, gps["hdop"], charts.PURPLE, "HDOP (1)")
@@ -238,7 +245,12 @@ def _write_gps(out: _Writer, run: Run) -> None:
     times = np.concatenate([t[:1], starts, ends])
     labels = np.array(["fixes"] + ["outage"] * len(starts) + ["fixes"] * len(ends))
     order = np.argsort(times, kind="stable")
-    out.states("faults/gps", _Clock(times[order]), labels[order], _GPS)
+    out.states("faults/gps", _estimated(run, times[order]), labels[order], _GPS)
+
+
+def _estimated(run: Run, time: Array) -> _Clock:
+    """`time` (n,) of the logger, and where the observer holds that to have been."""
+    return _Clock(time, np.interp(time, run.estimate.time, run.estimate.column("distance", smoothed=True)))
 
 
 def _gaps(time: Array, longest: float = 1.0) -> tuple[Array, Array]:

@@ -18,10 +18,11 @@ CHROMIUM = next(
     (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
 )
 _FLAGS = [
-    *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"),
+    *("--headless", "--no-sandbox", "--disable-quic", "--no-first-run", "--disable-sync"),
     *("--disable-background-networking", "--disable-component-update", "--hide-scrollbars"),
     *("--remote-debugging-port=0", "--remote-allow-origins=*"),
 ]
+_WEBGL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
 
 
 @dataclass
@@ -48,26 +49,32 @@ def visit(
     settle=0.3,
     scripts=True,
     media="",
+    until=None,
+    graphics=False,
 ):
-    """Open `url` in a window of width x height, wait until `ready` holds and `settle` s more; return a Visit."""
+    """Open `url` in a window of width x height, wait until `ready` holds and `settle` s more; return a Visit.
+
+    `until`: takes the picture (PNG bytes) and says whether it shows what was waited for; else it is taken again.
+    `graphics`: WebGL, drawn in software.
+    """
     assert CHROMIUM, "no Chromium on this machine"
+    flags = [*_FLAGS, *(_WEBGL if graphics else ("--disable-gpu",)), f"--user-data-dir={profile}"]
     process = subprocess.Popen(
-        [CHROMIUM, *_FLAGS, f"--user-data-dir={profile}", f"--window-size={width},{height}", "about:blank"],
-        stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+        [CHROMIUM, *flags, f"--window-size={width},{height}", "about:blank"], stderr=subprocess.PIPE, text=True
+    )
     try:
         port = next(match[1] for line in process.stderr if (match := re.search(r"ws://127\.0\.0\.1:(\d+)/", line)))
         with urllib.request.urlopen(f"http://127.0.0.1:{port}/json") as reply:
             page = next(target for target in json.load(reply) if target["type"] == "page")
         address = page["webSocketDebuggerUrl"]
-        return asyncio.run(_drive(address, url, width, height, ready, ask, patience, settle, scripts, media))
+        return asyncio.run(_drive(address, url, width, height, ready, ask, patience, settle, scripts, media, until))
     finally:
         process.terminate()
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.wait(10)
 
 
-async def _drive(socket, url, width, height, ready, ask, patience, settle, scripts, media):
+async def _drive(socket, url, width, height, ready, ask, patience, settle, scripts, media, until):
     connection = await websocket_connect(socket, max_message_size=1 << 28)
     found, count = Visit(), 0
 
@@ -102,8 +109,13 @@ async def _drive(socket, url, width, height, ready, ask, patience, settle, scrip
         await asyncio.sleep(0.1)
     await asyncio.sleep(settle)
     found.answers = [await value(expression) for expression in ask] if scripts else []
-    shot = await call("Page.captureScreenshot", format="png")
-    found.picture = base64.b64decode(shot["data"])
+    while True:
+        shot = await call("Page.captureScreenshot", format="png")
+        found.picture = base64.b64decode(shot["data"])
+        if until is None or until(found.picture):
+            break
+        assert time.monotonic() < end, f"{url} did not show what was waited for within {patience} s: {found.errors}"
+        await asyncio.sleep(1.0)
     connection.close()
     return found
 
