@@ -7,13 +7,13 @@ coefficients. The kernel (a Gaussian process on the logarithm of the ratio) take
 """
 
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.optimize import lsq_linear
-from scipy.spatial import cKDTree
 from scipy.special import comb
 
 from observer.efficiency_map import Limits
@@ -24,14 +24,14 @@ ORDERS = (3, 3, 2)
 """Degree in omega of a, b and c."""
 PRIOR_INNER_EFFICIENCY, PRIOR_FRICTION = 0.36, 1.6e5
 """Where nothing was seen: marginal efficiency, and friction mean pressure in Pa (ordinary spark-ignition engines)."""
-SMOOTH, AMPLITUDE = (3000.0 * np.pi / 30.0, 1.0), 0.03
-"""What an engine departs from the quadratic form by: lengths (rad/s, share of the largest torque) and relative size.
-The errors of an hour's map have shorter waves (500 rpm, 15 N m): a kernel that takes those up comes closer to the cells
-(0.0031 against 0.0033 rms) but costs a planner more than twice the regret, for it steers into every dent."""
-NOISE_FLOOR = 5e-3
-"""Relative: a cell's own standard deviation is not believed below it, for neighbours err alike."""
-DOUBT, NEAR = 0.02, 0.3
-"""Relative deviation of the form itself where nothing was seen, and the share of the lengths that is near a cell."""
+WIDE_SHARE, WIDE_LENGTH = 4.0, 3.0
+"""Variance and length of the kernel's wide part over those of its bumps."""
+SMOOTH_LENGTHS, SMOOTH_SIZE = (1000.0 * np.pi / 30.0, 1.0 / 3.0), 0.015
+"""Of the smooth form, whose kernel is the wide part alone: 3,000 rpm by the largest torque, 3 %."""
+SMOOTH_FLOOR = 5e-3
+"""Relative: for the smooth form no cell is known better than this, because neighbours err alike."""
+SEARCH_CELLS = 350
+"""Cells that the search for the kernel's length scales and amplitude looks at."""
 PRIOR_WEIGHT = 0.15
 """How hard the prior pulls: 1 would equal a cell known to a standard error of 0.005."""
 
@@ -64,6 +64,9 @@ class KernelFit(Fit):
     """(k, 2), engine speed and torque over their length scales."""
     lengths: NDArray[np.float64]
     """rad/s and N m."""
+    amplitude: float
+    bumps: float
+    """1: bumps on top of the wide part of the kernel; 0: none."""
     noise: NDArray[np.float64]
     """(k,), variances of the data."""
     factor: NDArray[np.float64]
@@ -77,18 +80,18 @@ class KernelFit(Fit):
     def fuel_power(self, engine_speed: ArrayLike, torque: ArrayLike) -> NDArray[np.float64]:
         omega, torque = np.broadcast_arrays(np.asarray(engine_speed, float), np.asarray(torque, float))
         where = np.stack([omega.ravel(), torque.ravel()], axis=1) / self.lengths
-        ratio = _kernel(where, self.points) @ self.weights
+        ratio = _kernel(where, self.points, self.amplitude, self.bumps) @ self.weights
         return self.base.fuel_power(omega, torque) * np.exp(ratio.reshape(omega.shape))
 
     def deviation(self, engine_speed: ArrayLike, torque: ArrayLike) -> NDArray[np.float64]:
         """One standard deviation of `efficiency`."""
         omega, torque = np.broadcast_arrays(np.asarray(engine_speed, float), np.asarray(torque, float))
         where = np.stack([omega.ravel(), torque.ravel()], axis=1) / self.lengths
-        cross = _kernel(where, self.points)
+        cross = _kernel(where, self.points, self.amplitude, self.bumps)
         inner = solve_triangular(self.factor, cross.T, lower=True)
-        nearest = cKDTree(self.points).query(where)[0] / NEAR
-        unseen = DOUBT**2 * (1.0 - np.exp(-0.5 * nearest**2))
-        variance = (np.maximum(AMPLITUDE**2 - np.sum(inner**2, axis=0), 0.0) + unseen).reshape(omega.shape)
+        variance = np.maximum((self.bumps + WIDE_SHARE) * self.amplitude**2 - np.sum(inner**2, axis=0), 0.0).reshape(
+            omega.shape
+        )
         shared = self.base.shared_error(omega, torque, self.common_error)
         return self.efficiency(omega, torque) * np.sqrt(variance + shared**2)
 
@@ -121,16 +124,50 @@ def fit_willans(cells: Cells, car: Car, limits: Limits) -> WillansFit:
 
 
 def fit_kernel(base: WillansFit, cells: Cells) -> KernelFit:
-    """The smooth part of what the cells leave of log(P_in / base), by a Gaussian process."""
+    """A Gaussian process on log(P_in / base); length scales and amplitude by maximum marginal likelihood (a grid)."""
     places = np.stack([cells.engine_speed, cells.torque], axis=1)
     residual = np.log(cells.fuel_power / base.fuel_power(cells.engine_speed, cells.torque))
-    noise = np.maximum(cells.standard_error / cells.efficiency, NOISE_FLOOR) ** 2
-    lengths = np.array([SMOOTH[0], SMOOTH[1] * base.torque_scale])
-    factor = cho_factor(_kernel(places / lengths, places / lengths) + np.diag(noise), lower=True)
-    lower, weights = np.tril(factor[0]), cho_solve(factor, residual)
-    fit = KernelFit("P_in willans+kernel", base, places / lengths, lengths, noise, lower, weights,
+    shared = base.shared_error(cells.engine_speed, cells.torque, cells.common_error)
+    noise = np.maximum((cells.standard_error / cells.efficiency) ** 2 - shared**2, 3e-3**2)
+    # length scales and amplitude by the marginal likelihood of an even subset, then one factor of everything
+    some = np.linspace(0, len(residual) - 1, min(len(residual), SEARCH_CELLS)).astype(int)
+    best: tuple[float, NDArray, float] | None = None
+    for rpm, share, amplitude in product((400.0, 900.0), (0.12, 0.3), (0.01, 0.03)):
+        lengths = np.array([rpm * np.pi / 30.0, share * base.torque_scale])
+        factor, weights = _solve(places[some] / lengths, residual[some], noise[some], amplitude, 1.0)
+        likelihood = -0.5 * float(residual[some] @ weights) - float(np.log(np.diag(factor)).sum())
+        if best is None or likelihood > best[0]:
+            best = (likelihood, lengths, amplitude)
+    assert best is not None
+    _, lengths, amplitude = best
+    lower, weights = _solve(places / lengths, residual, noise, amplitude, 1.0)
+    fit = KernelFit("P_in willans+kernel", base, places / lengths, lengths, amplitude, 1.0, noise, lower, weights,
                     cells.common_error, 0.0, 0.0)  # fmt: skip
     return replace(fit, **_scores(fit, cells))
+
+
+def fit_smooth(base: WillansFit, cells: Cells) -> KernelFit:
+    """The same with the wide part of the kernel alone: what a planner needs.
+
+    The errors of an hour's map have waves of some 500 rpm by 15 N m. A kernel that may follow them comes closer to the
+    cells, but a planner steers into every dent: its regret is a fifth to a half higher.
+    """
+    places = np.stack([cells.engine_speed, cells.torque], axis=1)
+    residual = np.log(cells.fuel_power / base.fuel_power(cells.engine_speed, cells.torque))
+    noise = np.maximum(cells.standard_error / cells.efficiency, SMOOTH_FLOOR) ** 2
+    lengths = np.array([SMOOTH_LENGTHS[0], SMOOTH_LENGTHS[1] * base.torque_scale])
+    lower, weights = _solve(places / lengths, residual, noise, SMOOTH_SIZE, 0.0)
+    fit = KernelFit("P_in smooth", base, places / lengths, lengths, SMOOTH_SIZE, 0.0, noise, lower, weights,
+                    cells.common_error, 0.0, 0.0)  # fmt: skip
+    return replace(fit, **_scores(fit, cells))
+
+
+def _solve(
+    places: NDArray, residual: NDArray, noise: NDArray, amplitude: float, bumps: float
+) -> tuple[NDArray, NDArray]:
+    """Lower Cholesky factor of the data's covariance, and the weights of the mean."""
+    factor = cho_factor(_kernel(places, places, amplitude, bumps) + np.diag(noise), lower=True)
+    return np.tril(factor[0]), cho_solve(factor, residual)
 
 
 def _scores(fit: Fit, cells: Cells) -> dict[str, Any]:
@@ -179,7 +216,7 @@ def _second_differences() -> NDArray[np.float64]:
     return np.array(rows)
 
 
-def _kernel(a: NDArray, b: NDArray) -> NDArray[np.float64]:
-    """Squared exponential in scaled coordinates, (n, m)."""
+def _kernel(a: NDArray, b: NDArray, amplitude: float, bumps: float) -> NDArray[np.float64]:
+    """Squared exponentials in scaled coordinates, (n, m): bumps, and a wide one for where the base form drifts off."""
     distance = (a[:, None, 0] - b[None, :, 0]) ** 2 + (a[:, None, 1] - b[None, :, 1]) ** 2
-    return AMPLITUDE**2 * np.exp(-0.5 * distance)
+    return amplitude**2 * (bumps * np.exp(-0.5 * distance) + WIDE_SHARE * np.exp(-0.5 * distance / WIDE_LENGTH**2))

@@ -3,17 +3,19 @@
 from observer.efficiency_map import EfficiencyMap
 from observer.fit_form import Fit, valid_cells
 from observer.fit_polynomial import fit_polynomials
-from observer.fit_willans import fit_kernel, fit_willans
+from observer.fit_willans import fit_kernel, fit_smooth, fit_willans
 from vehicle_model.car.parameters import Car
 
 DEFAULT_FIT = "P_in willans+kernel"
+"""What is closest to the engine."""
+PLANNER_FIT = "P_in smooth"
 """What the planner gets."""
 LEAST_CELLS = 3
 """Below it the kernel has nothing to go by, and the default is the Willans form alone (mostly its prior)."""
 
 
 def fit_all(efficiency_map: EfficiencyMap, car: Car) -> dict[str, Fit]:
-    """Return every fit that the valid cells can carry, by name; `default_fit` picks the planner's.
+    """Return every fit that the valid cells can carry, by name; see `default_fit` and `planner_fit`.
 
     `P_in willans` is always there (from the prior if need be); a polynomial needs over twice as many cells as terms.
     """
@@ -22,10 +24,16 @@ def fit_all(efficiency_map: EfficiencyMap, car: Car) -> dict[str, Fit]:
     fits: dict[str, Fit] = {willans.name: willans}
     if len(cells.torque) >= LEAST_CELLS:
         fits[DEFAULT_FIT] = fit_kernel(willans, cells)
+        fits[PLANNER_FIT] = fit_smooth(willans, cells)
         fits |= fit_polynomials(cells, car)
     return fits
 
 
 def default_fit(fits: dict[str, Fit]) -> Fit:
-    """The fit that the planner gets: constrained fuel power with the kernel on it, if there is one."""
+    """The fit that is closest to the engine: constrained fuel power with the kernel on it, if there is one."""
     return fits.get(DEFAULT_FIT, fits["P_in willans"])
+
+
+def planner_fit(fits: dict[str, Fit]) -> Fit:
+    """The fit that the planner gets: the smooth one, if there is one, for a planner steers into every dent."""
+    return fits.get(PLANNER_FIT, fits["P_in willans"])

@@ -13,7 +13,7 @@ from controller.route import plan_route, plan_route_in_time
 from observer.efficiency_map import EfficiencyMap, FuelMap
 from observer.estimate import Estimate
 from observer.fit_form import Fit
-from observer.fits import default_fit, fit_all
+from observer.fits import fit_all, planner_fit
 from observer.mapping import fuel_map, map_engine
 from rollingroad.evaluation.compare import Comparison, Consumption, compare, search_bracket
 from rollingroad.task import Task
@@ -101,7 +101,7 @@ def map_found(estimates: Sequence[Estimate], car: Car) -> Mapped:
 def fitted(found: EfficiencyMap, car: Car) -> Mapped:
     """A grid with its fits and the planner's table."""
     fits = fit_all(found, car)
-    return Mapped(found, fits, fuel_map(found, car, default_fit(fits)))
+    return Mapped(found, fits, fuel_map(found, car, planner_fit(fits)))
 
 
 def consumption(truth: Drive, car: Car, price: float = 0.0) -> Consumption:

@@ -9,8 +9,8 @@ from synthetic_drive import CAR, RPM, drive, true_efficiency, true_power
 from observer.efficiency_map import EfficiencyMap, Limits
 from observer.fit_form import Cells, valid_cells
 from observer.fit_polynomial import DEGREES, exponents, fit_polynomial
-from observer.fit_willans import fit_willans
-from observer.fits import DEFAULT_FIT, default_fit, fit_all
+from observer.fit_willans import fit_kernel, fit_smooth, fit_willans
+from observer.fits import DEFAULT_FIT, PLANNER_FIT, default_fit, fit_all, planner_fit
 from observer.mapping import map_engine
 
 
@@ -115,6 +115,24 @@ def test_the_kernel_finds_what_no_quadratic_holds_and_knows_where_it_knows_nothi
     # far from every datum the kernel says nothing: the Willans form alone
     ratio = kernel.fuel_power(9000 * RPM, 400.0) / base.fuel_power(9000 * RPM, 400.0)
     assert float(ratio) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_the_planners_fit_does_not_follow_the_waves_of_the_maps_errors(found):
+    """Given cells whose errors are waves of 1,260 rpm, the planner's fuel must bend less than the best fit's."""
+    cells = cells_of(true_power)
+    wave = 0.03 * np.sin(cells.engine_speed / (200 * RPM))
+    waved = replace(cells, efficiency=cells.efficiency * (1.0 + wave), standard_error=np.full(400, 0.002))
+    shaken = replace(found, valid=np.zeros_like(found.valid))
+    fits = fit_all(shaken, CAR)
+    base = fit_willans(waved, CAR, Limits())
+    omega, torque = (axis.ravel() for axis in np.meshgrid(np.linspace(1500, 4000, 60) * RPM, [25.0, 45.0, 65.0]))
+    followed = {}
+    for fit in (fit_kernel(base, waved), fit_smooth(base, waved)):
+        moved = fit.fuel_power(omega, torque) / true_power(omega, torque)
+        followed[fit.name] = np.abs(np.diff(moved.reshape(3, -1), 2, axis=1)).mean()
+    assert followed[PLANNER_FIT] < 0.5 * followed[DEFAULT_FIT]
+    assert planner_fit(fit_all(found, CAR)).name == PLANNER_FIT
+    assert planner_fit(fits).name == "P_in willans"
 
 
 def test_too_few_cells_leave_the_willans_form(found):

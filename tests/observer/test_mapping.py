@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from synthetic_drive import CAR, FULL_LOAD, IDLE_POWER, OVERRUN, RPM, drive, true_efficiency
 
+from observer.envelope import DRAGGED_SHARE, drag_of_lines
 from observer.estimate import STATES
+from observer.fit_form import Fit
 from observer.fits import default_fit, fit_all
 from observer.mapping import centres, fit_error, fuel_map, map_engine, map_error, read, shared_torque_error, write
 from observer.operating_points import operating_points
@@ -129,6 +131,21 @@ def test_a_copied_trip_adds_less_certainty_than_a_new_one_of_its_length(drives):
     both = one.valid & (again.count > 0)
     # twenty samples a second instead of ten, of the same drive: no cell becomes more certain by more than a little
     assert np.median(again.standard_error[both] / one.standard_error[both]) > 0.9
+
+
+def test_drag_follows_from_the_lines_where_no_fuel_cut_was_seen_and_yields_to_it(drives):
+    """Lines P_in = omega (14 + 2.8 T): no fuel is left at -5 N m, of which `DRAGGED_SHARE` is dragged."""
+
+    class Lines(Fit):
+        def fuel_power(self, engine_speed, torque):
+            return np.asarray(engine_speed) * (14.0 + 2.8 * np.asarray(torque))
+
+    unseen = drag_of_lines([], Lines(), CAR, 100)
+    np.testing.assert_allclose(unseen, -5.0 * DRAGGED_SHARE)
+    trips = [operating_points(drive, CAR) for drive in drives]
+    seen = drag_of_lines(trips, Lines(), CAR, 100)
+    longer = drag_of_lines(10 * trips, Lines(), CAR, 100)
+    assert abs(longer - OVERRUN).max() < abs(seen - OVERRUN).max() < abs(unseen - OVERRUN).max()
 
 
 def test_limits_are_found(merged):
