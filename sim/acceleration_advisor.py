@@ -1,8 +1,8 @@
 """The pure one-dimensional acceleration of seed 004, 4.4: how to get up to the speed, and nothing about where to lift.
 
 The found map is brought into the thesis' form (phi, a polynomial of six terms), the synthesis is tabulated once; each
-speed then has its optimal torque and gear. This is the pedal-to-the-floor mode of 5.1.3: within the limits the car
-takes over the acceleration.
+speed then has its optimal torque and gear. With `Context.pedal_to_the_floor` the car takes the acceleration over, as
+in 5.1.3: the driver presses, and limits, traffic and his own brake end it.
 """
 
 import math
@@ -83,4 +83,4 @@ class AccelerationSynthesis:
         if not math.isfinite(acceleration):
             return None
         wanted = min(float(acceleration), STRONGEST, (target - view.speed) / 0.8)
-        return Suggestion(wanted, int(gear), float(costate))
+        return Suggestion(wanted, int(gear), float(costate), automatic=c.pedal_to_the_floor)

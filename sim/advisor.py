@@ -52,6 +52,8 @@ class Context:
     """m/s."""
     end_speed: float = 0.0
     """m/s."""
+    pedal_to_the_floor: bool = False
+    """Whether the car carries out accelerations itself once he presses the pedal to the floor."""
     begin: float = 50.0
     """m: silent before, so that two drives can be shown to be the same until advice is given."""
 
@@ -68,6 +70,8 @@ class Suggestion:
     """J per m/s: worth of speed, for the display."""
     coast: bool = False
     """Foot off: let it roll in gear."""
+    automatic: bool = False
+    """The pedal-to-the-floor mode of 5.1.3: he has only to press, and the car does it, at once and exactly."""
 
 
 class Advisor(Protocol):

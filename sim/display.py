@@ -44,6 +44,10 @@ class Display:
         if wanted is None:
             self._dark = True
             return None
+        if wanted.automatic:  # nothing to look at: the car does it
+            self._arrow, self._gear, self._dark = 1, wanted.gear, False
+            self._arrow_age = self._gear_age = math.inf
+            return wanted
         arrow = self._next_arrow(wanted)
         # A new arrow is looked at anyway: the gear may come with it.
         gear = wanted.gear if arrow != self._arrow else self._next_gear(wanted)
@@ -69,7 +73,7 @@ class Display:
             return away
         back = now if now * a > INNER else 0
         target = away or back
-        if target == now or a <= -URGENT:
+        if target == now or abs(a) >= URGENT:
             return target
         return target if self._arrow_age >= ARROW_DWELL else now
 

@@ -281,7 +281,8 @@ def _run(
                     traffic.release(ADVISED_ACCELERATION)
                 coast = suggestion.coast
                 if speed <= cap[index]:
-                    wanted = obedience.miss(suggestion.acceleration)
+                    missed = obedience.miss(suggestion.acceleration)
+                    wanted = suggestion.acceleration if suggestion.automatic else missed
                 followed = wanted < wish
                 # The gear belongs to the acceleration: where traffic allows clearly less, he picks his own.
                 advised_gear = suggestion.gear if wish > wanted - HELD_UP else 0
@@ -438,7 +439,7 @@ def _count(
 
 
 class _Obedience:
-    """How well advice is followed: heard late, missed a little, sometimes ignored."""
+    """How well advice is followed: heard late, missed a little, sometimes ignored; what is automatic only ignored."""
 
     def __init__(self, scenario: Scenario, seed: int, settings: dict[str, float], perfect: bool) -> None:
         driver = scenario.driver
@@ -461,6 +462,8 @@ class _Obedience:
         heard = self._late.popleft()
         chance = self._rng.random()
         self.refusing = chance >= self._end_spell if self.refusing else chance < self._begin_spell
+        if suggestion is not None and suggestion.automatic:
+            heard = suggestion
         return None if self.refusing else heard
 
     def miss(self, acceleration: float) -> float:
