@@ -1,12 +1,15 @@
 """A soft tyre, called from fuel and wheel pulses: distance to the call, and false calls, replayed without SUMO.
 
-`python -m benchmarks.soft_tyre [--kilometres 15000] [--workers 2]`: a car drives WLTC-like trips over hilly roads, each
-with its own wind, payload, rain and warmth, through plant, box, observer and a map learnt once. The trips' figures are
-then put together into cars' histories: sound ones for the false calls, others whose tyre loses 0.6 bar at one trip.
+`python -m benchmarks.soft_tyre [--kilometres 15000] [--workers 2] [--keep FILE]`: a car drives WLTC-like trips over
+hilly roads, each with its own wind, payload, rain and warmth, through plant, box, observer and a map learnt once. The
+trips' figures are then put together into cars' histories: sound ones for the false calls, others whose tyre loses
+0.6 bar at one trip. `--keep` adds each trip's figures to a file as it ends, and goes on where that file stops.
 """
 
 import argparse
+import json
 from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
 
 import numpy as np
 
@@ -58,10 +61,24 @@ def drive(seed: int, soft: bool, calm: bool = False) -> Estimate:
     return observe(decode(record(trip, CAR, seed=seed)), CAR)
 
 
-def figures(arguments: tuple[int, bool, Fit]) -> TripCar:
-    """What one trip says of the car."""
+def figures(arguments: tuple[int, bool, Fit]) -> tuple[int, bool, TripCar]:
+    """What one trip says of the car, behind its seed and whether the tyre was soft."""
     seed, soft, fit = arguments
-    return trip_car(drive(seed, soft), CAR, fit)
+    return seed, soft, trip_car(drive(seed, soft), CAR, fit)
+
+
+def kept(file: Path | None) -> dict[int, tuple[bool, TripCar]]:
+    """By seed, what `keep` has written to `file`."""
+    rows = [json.loads(line) for line in file.read_text().splitlines()] if file and file.exists() else []
+    return {seed: (soft, TripCar(np.array(change), np.array(covariance), radius, distance))
+            for seed, soft, change, covariance, radius, distance in rows}  # fmt: skip
+
+
+def keep(file: Path, seed: int, soft: bool, trip: TripCar) -> None:
+    """Add a line to `file`."""
+    with file.open("a") as lines:
+        row = [seed, soft, trip.change.tolist(), trip.covariance.tolist(), trip.radius, trip.distance]
+        lines.write(json.dumps(row) + "\n")
 
 
 def histories(sound: list[TripCar], soft: list[TripCar], runs: int, seed: int) -> tuple[list[float], int, float]:
@@ -93,16 +110,21 @@ def main() -> None:
     parser.add_argument("--kilometres", type=float, default=15_000.0)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--keep", type=Path)
     options = parser.parse_args()
     base = 100_000 * options.seed
-    fit = default_fit(fit_all(map_engine([drive(base + n, False, calm=True) for n in range(6)], CAR), CAR))
+    found = kept(options.keep)
     trips = max(int(options.kilometres / 23.0), 40)
-    wanted = [(base + 1000 + n, n % 5 == 4, fit) for n in range(trips)]
-    with ProcessPoolExecutor(options.workers) as pool:
-        found = list(pool.map(figures, wanted))
-    sound = [trip for trip, (_, soft, _) in zip(found, wanted, strict=True) if not soft]
-    soft = [trip for trip, (_, soft, _) in zip(found, wanted, strict=True) if soft]
-    for name, group in (("sound", sound), ("soft", soft)):
+    wanted = [(seed, seed % 5 == 4) for seed in range(base + 1000, base + 1000 + trips) if seed not in found]
+    if wanted:
+        fit = default_fit(fit_all(map_engine([drive(base + n, False, calm=True) for n in range(6)], CAR), CAR))
+        with ProcessPoolExecutor(options.workers) as pool:
+            for seed, soft, trip in pool.map(figures, [(*one, fit) for one in wanted]):
+                found[seed] = (soft, trip)
+                if options.keep:
+                    keep(options.keep, seed, soft, trip)
+    sound, softened = ([trip for soft, trip in found.values() if soft == wished] for wished in (False, True))
+    for name, group in (("sound", sound), ("soft", softened)):
         scores = np.array([tyre_score(trip, CAR) for trip in group])
         radius, rolling = (np.array(part) for part in zip(*((t.radius, t.change[1]) for t in group), strict=True))
         print(
@@ -111,7 +133,7 @@ def main() -> None:
             f"C_rr {1e5 * rolling.mean():+.0f} +- {1e5 * rolling.std():.0f} e-5, "
             f"score {scores.mean():+.2f} +- {scores.std():.2f}"
         )
-    distances, false_calls, watched = histories(sound, soft, 200, options.seed)
+    distances, false_calls, watched = histories(sound, softened, 200, options.seed)
     called = np.array(distances) / 1e3
     print(f"called within 100 km: {np.mean(called <= 100.0):.3f} of 200 histories; median {np.median(called):.0f} km")
     print(f"false calls: {false_calls} in {watched / 1e3:.0f} km = {false_calls / (watched / 3e6):.2f} per 3,000 km")

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import RectBivariateSpline
 
 from observer.estimate import Estimate
 from observer.fit_form import Fit
@@ -40,13 +41,22 @@ class TripCar:
     """m driven."""
 
 
-def torque_of_fuel(fit: Fit, engine_speed: NDArray, fuel_power: NDArray, torque: NDArray) -> NDArray[np.float64]:
-    """The torque at which `fit` burns `fuel_power`, (n,): Newton's method from `torque`, clipped to sensible values."""
-    found = np.clip(torque, 1.0, None).astype(float)
+def torque_of_fuel(
+    fit: Fit, car: Car, engine_speed: NDArray, fuel_power: NDArray, torque: NDArray
+) -> NDArray[np.float64]:
+    """The torque at which `fit` burns `fuel_power`, (n,): Newton's method from `torque`, on splines through the fit.
+
+    From a tenth of the largest torque below zero to half of it above the largest.
+    """
+    omega = np.linspace(0.5 * car.engine.idle_speed, 1.2 * car.engine.redline_speed, 90)
+    load = np.linspace(-0.1, 1.5, 60) * car.engine.max_torque
+    table = RectBivariateSpline(omega, load, fit.fuel_power(*np.meshgrid(omega, load, indexing="ij")))
+    turning = np.clip(engine_speed, omega[0], omega[-1])
+    found = np.clip(torque, 1.0, load[-1]).astype(float)
     for _ in range(8):
-        slope = fit.fuel_power(engine_speed, found + 0.5) - fit.fuel_power(engine_speed, found - 0.5)
-        step = (fuel_power - fit.fuel_power(engine_speed, found)) / np.maximum(slope, engine_speed)
-        found = np.clip(found + np.clip(step, -20.0, 20.0), -10.0, 400.0)
+        slope = np.maximum(table.ev(turning, found, dy=1), engine_speed)
+        step = (fuel_power - table.ev(turning, found)) / slope
+        found = np.clip(found + np.clip(step, -20.0, 20.0), load[0], load[-1])
     return found
 
 
@@ -60,10 +70,14 @@ def trip_car(estimate: Estimate, car: Car, fit: Fit, *, smoothed: bool = True) -
               for k in range(0, len(piece) - side // 2, side)] if len(index) else []  # fmt: skip
     information, right = np.diag(np.array(PRIOR) ** -2.0), np.zeros(3)
     acceleration = rate(speed, points.step)
+    mapped = points.mapped
+    torque = np.zeros(len(speed))
+    torque[mapped] = torque_of_fuel(
+        fit, car, points.engine_speed[mapped], points.fuel_power[mapped], points.torque[mapped]
+    )
     for block in blocks:
         omega, v = points.engine_speed[block], speed[block]
-        torque = torque_of_fuel(fit, omega, points.fuel_power[block], points.torque[block])
-        difference = float(np.mean((torque - points.torque[block]) * omega / v))
+        difference = float(np.mean((torque[block] - points.torque[block]) * omega / v))
         row = np.array(
             [
                 np.mean(acceleration[block] + car.gravity * (np.sin(pitch[block]) + car.rolling_resistance)),

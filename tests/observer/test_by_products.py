@@ -33,7 +33,7 @@ def heavier(estimate, mass=0.0, rolling=0.0, drag=0.0):
 
 def test_torque_of_fuel_inverts_the_map():
     omega, torque = np.array([150.0, 300.0, 450.0]), np.array([10.0, 60.0, 95.0])
-    found = torque_of_fuel(TrueFit(), omega, true_power(omega, torque), np.array([30.0, 30.0, 30.0]))
+    found = torque_of_fuel(TrueFit(), CAR, omega, true_power(omega, torque), np.array([30.0, 30.0, 30.0]))
     np.testing.assert_allclose(found, torque, rtol=1e-4)
 
 
