@@ -87,6 +87,33 @@ def evaluate(
     return 0 if not found["failed"] and all(row["fair_saving_percent"] is not None for row in found["rows"]) else 1
 
 
+@app.command(epilog="Example: rollingroad learn town --trips 8")
+def learn(
+    scenario: Annotated[str, typer.Argument(metavar="SCENARIO")] = "mixed",
+    trips: Annotated[int, typer.Option("--trips", min=1, help="How many, each in traffic of its own.")] = 8,
+    car: Annotated[str | None, typer.Option("--car", metavar="C")] = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the first trip; the others follow it.")] = 0,
+    json: Json = False,
+) -> int:
+    """The map improves trip by trip and with it the advice: what the map costs, in fuel, after each trip."""
+    from dataclasses import asdict
+
+    from rollingroad.cli.judge_tables import learning_table
+    from rollingroad.cli.output import print_json, progress
+    from rollingroad.evaluation.learning import learning_curve
+    from rollingroad.task import make_task
+
+    task = make_task(scenario, car=car, seed=seed)
+    with progress(quiet=json) as tell:
+        lessons, price = learning_curve(task, trips, tell=tell)
+    if json:
+        head = {"scenario": task.scenario.name, "car": task.car.name, "seed": seed, "price_W": price}
+        print_json(head | {"lessons": [asdict(lesson) | {"regret": lesson.regret} for lesson in lessons]})
+    else:
+        learning_table(lessons)
+    return 0
+
+
 def _listed(text: str) -> list[str]:
     return [part.strip() for part in text.split(",") if part.strip()]
 

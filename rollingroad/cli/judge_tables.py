@@ -7,6 +7,7 @@ from typing import Any
 from rich.table import Table
 
 from rollingroad.cli.output import console
+from rollingroad.evaluation.learning import Lesson
 from rollingroad.evaluation.regress import Difference
 
 
@@ -23,6 +24,23 @@ def bench_table(found: Mapping[str, Any]) -> None:
             row["reference"],
             f"{row['reference_value']:.4g}",
             "" if row["ratio"] is None else f"{row['ratio']:.3g}",
+        )
+    console().print(table)
+
+
+def learning_table(lessons: Sequence[Lesson]) -> None:
+    """Print what the map costs after each trip."""
+    table = Table(title="lost to the map on the empty road, % of the fuel of the plan by the true map")
+    for name in ("trips", "fuel mapped, %", "estimation", "fit", "both", "l/100 km as driven"):
+        table.add_column(name, justify="right")
+    for lesson in lessons:
+        table.add_row(
+            str(lesson.trips),
+            f"{100.0 * lesson.fuel_share:.0f}",
+            f"{lesson.estimation:+.2f}",
+            f"{lesson.fit:+.2f}",
+            f"{lesson.regret:+.2f}",
+            f"{lesson.litres_per_100km:.2f}",
         )
     console().print(table)
 

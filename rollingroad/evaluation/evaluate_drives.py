@@ -9,6 +9,7 @@ import hashlib
 import json
 import math
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -43,6 +44,7 @@ from sim.true_efficiency import true_efficiency
 from sim.truth import true_fuel_map
 from vehicle_model.car.files import read_car
 from vehicle_model.car.parameters import Car
+from vehicle_model.car.trip import Trip
 
 Arguments = dict[str, Any]
 KEPT = 64
@@ -97,7 +99,7 @@ def planned_losses(task: Arguments, price: float) -> dict[str, float]:
 
     def cost(fuel_map: FuelMap, fine: bool = False) -> float:
         found = plan(replace(known, fuel_map=fuel_map), fine=fine)
-        return _true_fuel(found, truth, known.car) + price * found.trip_time
+        return true_fuel(found, truth, known.car) + price * found.trip_time
 
     estimated, through_fit = cost(known.fuel_map), cost(before.map_of_the_truth)
     true, best = cost(truth), cost(truth, fine=True)
@@ -167,7 +169,7 @@ def _known(key: str) -> _Before:
         baseline=replace(baseline, trip=None),  # type: ignore[arg-type]
         knowledge=known,
         true_map=true_fuel_map(task.car, task.plant_settings),
-        map_of_the_truth=_of_the_truth(learnt, baseline, task).fuel_map,
+        map_of_the_truth=map_of_the_truth(learnt, [baseline.trip], task).fuel_map,
         first_price=price,
     )
 
@@ -178,15 +180,16 @@ def _drive(task: Task, advisor: Advisor | None, perfect: bool) -> Drive:
         return drive(task.scenario, task.car, task.seed, advisor=advisor, network=network, perfect=perfect)
 
 
-def _of_the_truth(learnt: Mapped, baseline: Drive, task: Task) -> Mapped:
+def map_of_the_truth(learnt: Mapped, trips: Sequence[Trip], task: Task) -> Mapped:
+    """`learnt` with the true efficiency (gears weighted by `trips`) in its valid cells, through the same fit."""
     found = learnt.efficiency_map
-    truth = true_efficiency(task.car, task.plant_settings, [baseline.trip])
+    truth = true_efficiency(task.car, task.plant_settings, trips)
     values = truth(*np.meshgrid(found.engine_speed, found.torque, indexing="ij"))
     use = found.valid & np.isfinite(values)
     return fitted(replace(found, mean=np.where(use, values, found.mean)), task.car)
 
 
-def _true_fuel(advice: Advice, truth: FuelMap, car: Car) -> float:
+def true_fuel(advice: Advice, truth: FuelMap, car: Car) -> float:
     """J that the plan burns on the true map: each stage at its mean speed, gear changes as the planner prices them."""
     ratio = np.array([0.0, *car.gear_ratios]) / car.wheel_radius
     gear, torque, off = advice.gear[:-1], advice.torque[:-1], advice.coasting[:-1]
