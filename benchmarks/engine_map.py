@@ -1,8 +1,8 @@
 """The engine map found in an hour of mixed driving, judged: errors, share, intervals, regret, dynamometer, scale.
 
 `python -m benchmarks.engine_map [--hours 10] [--car smart] [--workers 2]`. An hour is four trips over `mixed` (town,
-rural, motorway) with seeds of their own, default box, biases not carried over. Regret: fuel on the true map of the plan
-made on a fit, over that of the plan made on the true map, both in the same trip time, less one.
+rural, motorway) with seeds of their own, default box, biases not carried over. Regret: `benchmarks.regret`; the hours'
+is that of the planner's fit.
 """
 
 import argparse
@@ -12,13 +12,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import RegularGridInterpolator
 
-from controller.advice import Advice, RoadAhead
+from benchmarks.regret import END_SPEED, regret
+from controller.advice import RoadAhead
 from controller.route import plan_route_in_time
-from observer.efficiency_map import FuelMap
 from observer.estimate import Estimate
-from observer.fits import default_fit, fit_all
+from observer.fit_form import Fit
+from observer.fits import default_fit, fit_all, planner_fit
 from observer.mapping import centres, fit_error, fuel_map, map_engine, map_error
 from observer.observe import observe
 from rollingroad.arrows import drive_scenario, sense
@@ -36,7 +36,8 @@ TRIPS = 4
 RPM = np.pi / 30.0
 SHOWN = ("eta total 2", "eta total 4", "eta full 2", "eta full 3", "eta full 4", "eta full 4 border", "eta full 4 cut",
          "eta printed 3", "phi total 2", "phi full 2", "phi full 4", "phi printed 4", "P_in total 2", "P_in full 2",
-         "P_in full 3", "P_in full 4", "P_in printed 4", "P_in willans", "P_in willans+kernel")  # fmt: skip
+         "P_in full 3", "P_in full 4", "P_in printed 4", "P_in willans", "P_in willans+kernel",
+         "P_in smooth")  # fmt: skip
 
 
 def hour(arguments: tuple[str, int]) -> tuple[list[Trip], list[Estimate], list[Estimate], RoadAhead]:
@@ -68,40 +69,18 @@ def wrong_cars(car: Car) -> list[Car]:
     ]
 
 
-def fuel_on(advice: Advice, table: FuelMap, car: Car) -> float:
-    """J that the plan burns on `table`: nothing coasting in gear, idle out of gear, the engine's inertia included.
+def regrets(fits: dict[str, Fit], found, car: Car, road: RoadAhead, time: float) -> dict[str, float | None]:
+    """Relative regret of each of `fits`, None where the plan cannot be made.
 
-    Between overrun and zero torque the fuel fades linearly to nothing, as in the planner's own table.
+    At the price of time at which the plan on the true map takes `time` s.
     """
-    power = RegularGridInterpolator(
-        (table.engine_speed, table.torque),
-        table.fuel_power,
-        bounds_error=False,
-        fill_value=None,  # type: ignore[arg-type]
-    )
-    seconds = np.diff(advice.time)
-    speed = 0.5 * (advice.speed[1:] + advice.speed[:-1])
-    gear, coasting = advice.gear[:-1], advice.coasting[:-1]
-    ratio = np.asarray(car.gear_ratios)[np.maximum(gear, 1) - 1] / car.wheel_radius
-    omega = np.maximum(speed * ratio, 1.25 * table.idle_speed)
-    torque = advice.torque[:-1] + car.engine.inertia * ratio * np.diff(advice.speed) / seconds
-    drag = np.interp(omega, table.engine_speed, table.overrun_torque)
-    fade = np.clip(1.0 - torque / drag, 0.0, 1.0)
-    pulling = power(np.column_stack([omega, np.maximum(torque, 0.0)])) * np.where(torque < 0.0, fade, 1.0)
-    rate = np.where(gear == 0, table.idle_power, np.where(coasting, 0.0, pulling))
-    return float(np.sum(rate * seconds))
-
-
-def regrets(fits: dict, found, car: Car, road: RoadAhead, time: float) -> dict[str, float | None]:
-    """Relative regret of each fit of SHOWN, None where the plan cannot be made."""
     truth = true_fuel_map(car)
-    ends = {"start_speed": 5.0, "end_speed": 5.0, "trip_time": time, "certify": False}
-    best = fuel_on(plan_route_in_time(road, truth, car, **ends), truth, car)
+    ends = {"start_speed": END_SPEED, "end_speed": END_SPEED, "trip_time": time, "certify": False}
+    price = plan_route_in_time(road, truth, car, **ends).time_value
     result: dict[str, float | None] = {}
-    for name in SHOWN:
+    for name, fit in fits.items():
         try:
-            advice = plan_route_in_time(road, fuel_map(found, car, fits[name]), car, **ends)
-            result[name] = fuel_on(advice, truth, car) / best - 1.0
+            result[name] = regret(fuel_map(found, car, fit), truth, road, car, price)
         except Exception as error:  # a form may make the plan impossible: that is its result
             print(f"  {name}: {error}")
             result[name] = None
@@ -133,12 +112,15 @@ def main() -> None:
             true = truth(omega, torque)
             own = np.abs(found.mean[found.valid] - true) < 1.645 * found.standard_error[found.valid]
             every, load = (
-                axis.ravel() for axis in np.meshgrid(truth_map.engine_speed, np.arange(5.0, 110.0), indexing="ij")
+                axis.ravel() for axis in np.meshgrid(truth_map.engine_speed, truth_map.torque[2:], indexing="ij")
             )
             can = load <= np.interp(every, truth_map.engine_speed, truth_map.torque_max)
             best_true = float(truth(every[can], load[can]).max())
             versus = compare_with_dyno(found, fit, *steps, on_bench)
-            regret = regrets(fits, found, car, road, 1.05 * trips[0].duration)
+            chosen = planner_fit(fits)
+            judged = {name: fits[name] for name in (SHOWN if number == 0 else (fit.name, chosen.name))}
+            cost = regrets(judged, found, car, road, 1.05 * trips[0].duration)
+            price = cost[chosen.name]
             rows.append(
                 (
                     found.fuel_share,
@@ -148,7 +130,7 @@ def main() -> None:
                     float(fit.efficiency(omega, torque).max()) - best_true,
                     versus.rmse,
                     versus.fit_rmse,
-                    regret[fit.name] if regret[fit.name] is not None else float("nan"),
+                    float("nan") if price is None else price,
                 )
             )
             print(
@@ -159,10 +141,10 @@ def main() -> None:
             if number == 0:
                 print("fit                       R2       R2 of eta  rms     regret")
                 for name in SHOWN:
-                    cost = "impossible" if regret[name] is None else f"{regret[name]:7.2%}"
+                    share = "impossible" if cost[name] is None else f"{cost[name]:7.2%}"
                     form = fits[name]
                     error = fit_error(found, form, truth)
-                    print(f"{name:24} {form.r2:8.4f} {form.r2_efficiency:8.4f} {error:8.4f} {cost}")
+                    print(f"{name:24} {form.r2:8.4f} {form.r2_efficiency:8.4f} {error:8.4f} {share}")
                 usual = map_engine(estimates[:1], car)
                 for label, other, estimate in zip(
                     ("C_rr +10 %", "C_d A +10 %", "injectors +2 %"), wrong_cars(car), wrong, strict=True
