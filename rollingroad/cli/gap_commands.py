@@ -91,3 +91,18 @@ def score(folder: Folder, json: Json = False) -> None:
     scores = score_set(folder)
     write_scores(scores, folder / "scores.html")
     print_json(scores) if json else score_table(scores)
+
+
+@challenge.command()
+def calibrate(
+    folders: Annotated[list[Path], typer.Argument(metavar="DIR...", help="Development sets, run with --keep.")],
+    out: Annotated[Path, typer.Option("--out", help="The file of thresholds.")] = Path("thresholds.json"),
+) -> None:
+    """Choose the thresholds of the diagnosis on development sets; sets that are scored may not be among them."""
+    from rollingroad.cli.output import console
+    from rollingroad.folder import write_json
+    from rollingroad.gap.challenge.calibrate import calibrate as choose
+
+    chosen = choose(folders)
+    write_json(out, chosen)
+    console().print(f"{chosen['cases']} cases, log score {chosen['log_score']}; thresholds in {out}", soft_wrap=True)

@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingroad.gap.channels import CHANNELS, REGIMES, Correction, Prepared, block_means, values
-from rollingroad.gap.replay import Motion, Replay, replay_vector
+from rollingroad.gap.replay import Motion, Replay, replay_vector, vector_of
 from vehicle_model.car.parameters import Car
-from vehicle_model.plant.parameters import plant_parameters
 
 Array = NDArray[np.float64]
 FUEL, COAST, GNSS, RATIO, IDLE, LAUNCH, SHIFT, HEIGHT_GPS, HEIGHT_MAP, CLOCK, SECOND = range(len(CHANNELS))
@@ -104,7 +103,7 @@ def calibration_columns(p: Prepared, car: Car, vector: Array) -> Columns:
     # what our plant assumes of every car and this one may not have
     firing = drive | (regime == REGIMES.index("all"))
     for name, shape, sd in (
-        ("side", (m.speed**2 * m.curvature) ** 2, 0.1 * car.mass / car.gravity),
+        ("side", (m.speed**2 * m.curvature) ** 2, 0.2 * car.mass / car.gravity),
         ("constant", np.ones_like(x), 15.0),
         ("speed", m.speed / 10.0, 8.0),
         ("speed2", (m.speed / 20.0) ** 2, 15.0),
@@ -115,7 +114,7 @@ def calibration_columns(p: Prepared, car: Car, vector: Array) -> Columns:
     base = values(p, car, vector)
     for key, step, sd in (("enrichment.amount", 0.1, 0.1), ("driveline_loss.share", 0.01, 0.015)):
         neutral = {"enrichment.amount": 0.10}.get(key, 0.0)
-        moved = values(p, car, plant_parameters(car, {key: neutral + step}))
+        moved = values(p, car, vector_of(car, {key: neutral + step}))
         rows.append((f"plant.{key}", (base - moved) / step, sd))
     lever = np.asarray(car.gear_ratios)[np.maximum(m.gear, 1) - 1] / car.wheel_radius
     for power in range(3):
@@ -161,7 +160,7 @@ def tolerance_columns(p: Prepared, car: Car, vector: Array, fuel: Array, correct
     rows: list[tuple[str, Array, float]] = []
     for name, key in TOLERANCE_SETTINGS.items():
         step = 0.02
-        moved = values(p, car, plant_parameters(car, {key: 1.0 + step}), correction)
+        moved = values(p, car, vector_of(car, {key: 1.0 + step}), correction)
         rows.append((f"tolerance.{name}", (base - moved) / step, getattr(t, name) / root))
     rows.append(("tolerance.fuel", fuel, t.fuel / root))
     v = block_means(p, "gnss_speed", _at_fixes(p, p.samples.motion.speed)) if p.trace.gps else np.zeros(len(base))
@@ -179,12 +178,10 @@ def trip_columns(
     m = p.samples.motion
     if np.isfinite(m.heading).mean() > 0.5:
         for name, bearing in (("wind_n", 0.0), ("wind_e", np.pi / 2)):
-            moved = values(
-                p, car, plant_parameters(car, {"head_wind.speed": 2.0, "head_wind.from": bearing}), correction
-            )
+            moved = values(p, car, vector_of(car, {"head_wind.speed": 2.0, "head_wind.from": bearing}), correction)
             rows.append((name, (base - moved) / 2.0, car.tolerances.wind / root))
     elif not coarse:
-        moved = values(p, car, plant_parameters(car, {"head_wind.speed": 2.0}), correction)
+        moved = values(p, car, vector_of(car, {"head_wind.speed": 2.0}), correction)
         rows.append(("wind", (base - moved) / 2.0, car.tolerances.wind / root))
     if p.samples.bias_sd > 0.0:
         shifted = replace(p, samples=replace(p.samples, motion=replace(m, force=m.force + 0.02)))
@@ -197,7 +194,7 @@ def trip_columns(
         ones = np.ones(len(p.trace.gps["t"]))
         rows.append(("height_gps", block_means(p, "height_gps", ones), 500.0))
         rows.append(("height_map", block_means(p, "height_map", ones), 500.0))
-        rows.append(("fix_time", block_means(p, "gnss_speed", -_at_fixes(p, m.acceleration)), 0.012))
+        rows.append(("fix_time", block_means(p, "gnss_speed", -_at_fixes(p, m.acceleration)), 0.005))
     rows.append(("launch_habit", block_means(p, "launch_speed", np.ones(len(m.time))), 25.0))
     rows.append(("shift_habit", block_means(p, "shift_time", np.ones(len(m.time))), 0.06))
     rows.append(("trip_fuel", fuel, 0.025 / root * 1.5 if coarse else 0.0008))
@@ -231,13 +228,19 @@ def default_noise() -> Noise:
     return Noise(np.ones((len(CHANNELS), len(REGIMES))), correlated, time)
 
 
+RATE = 0.025
+"""s between the accelerometer's samples."""
+WALK = 1.3
+"""Of the default box's white noise (CLI.md): vibration and squat add to it."""
+
+
 def whitener(p: Prepared, noise: Noise) -> Callable[[Array], Array]:
     """Return the function that turns (m,) or (m, k) over the trip's blocks into independent units of deviation."""
     layout = p.layout
     pieces: list[tuple[NDArray, Array]] = []
     heights = np.flatnonzero((layout.channel == HEIGHT_GPS) | (layout.channel == HEIGHT_MAP))
     if len(heights):
-        pieces.append((heights, np.linalg.cholesky(_height_covariance(layout, heights, noise))))
+        pieces.append((heights, np.linalg.cholesky(_height_covariance(p, heights, noise))))
     for number in range(len(CHANNELS)):
         index = np.flatnonzero(layout.channel == number)
         if number in (HEIGHT_GPS, HEIGHT_MAP) or not len(index):
@@ -264,14 +267,19 @@ def whitener(p: Prepared, noise: Noise) -> Callable[[Array], Array]:
     return apply
 
 
-def _height_covariance(layout, index: NDArray, noise: Noise) -> Array:
-    """Receiver: slow error; map: its own; both: the walk that integrating the accelerometer's noise makes."""
-    t = layout.time[index]
+def _height_covariance(p: Prepared, index: NDArray, noise: Noise) -> Array:
+    """Receiver: slow error; map: its own, which stays where it is while the car stands; both: the walk that
+    integrating the accelerometer's noise makes, the faster the faster the car."""
+    layout, m = p.layout, p.samples.motion
+    t, s = layout.time[index], layout.distance[index]
     gps = layout.channel[index] == HEIGHT_GPS
     gap = np.abs(t[:, None] - t[None, :])
+    apart = np.abs(s[:, None] - s[None, :])
     both_gps = gps[:, None] & gps[None, :]
     both_map = ~gps[:, None] & ~gps[None, :]
-    covariance = 0.05**2 * np.minimum.outer(t, t)
+    rate = (WALK * (0.10 + 0.004 * m.speed) * m.speed / 9.81) ** 2 * RATE + 0.01**2
+    walked = np.interp(t, m.time, np.cumsum(rate) * (m.time[1] - m.time[0]))
+    covariance = np.minimum.outer(walked, walked)
     covariance += both_gps * noise.scale[HEIGHT_GPS, 1] ** 2 * (3.5**2 * np.exp(-gap / 200.0) + 0.3**2 * (gap == 0))
-    covariance += both_map * noise.scale[HEIGHT_MAP, 1] ** 2 * (1.0**2 * np.exp(-gap / 8.0) + 0.3**2 * (gap == 0))
+    covariance += both_map * noise.scale[HEIGHT_MAP, 1] ** 2 * (1.0**2 * np.exp(-apart / 50.0) + 0.3**2 * (gap == 0))
     return covariance

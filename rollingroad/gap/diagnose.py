@@ -16,16 +16,18 @@ from rollingroad.gap.evidence import Calibration, Library, Posterior, Reduced, T
 from rollingroad.gap.identify import unseen
 from rollingroad.gap.plausible import check
 from rollingroad.gap.reconstruct import reconstruct
+from rollingroad.gap.refit import refit
+from rollingroad.gap.regret import regret
+from rollingroad.gap.replay import vector_of
 from rollingroad.gap.result import as_json
 from rollingroad.gap.road import Road
-from rollingroad.gap.shrinkage import Shrinkage, shrink
+from rollingroad.gap.shrinkage import Shrinkage, leading, shrink
 from rollingroad.gap.thresholds import load as load_thresholds
 from rollingroad.gap.where import Place, locate
 from sensors.log import SensorLog
 from vehicle_model.car.errors import BadInput
 from vehicle_model.car.files import read_car
 from vehicle_model.car.parameters import Car
-from vehicle_model.plant.parameters import plant_parameters
 
 
 @dataclass(frozen=True)
@@ -63,6 +65,8 @@ class Diagnosis:
     """Distance of the diagnosed trips, in order, after which "none" first loses for good."""
     control: dict[str, float]
     restarts: tuple[Restart | None, ...] = ()
+    advice_regret: tuple[float | None, float | None] = (None, None)
+    """Fuel, percent, that a plan wastes for want of the leading effect: without it, and with it (held out)."""
 
 
 def diagnose(
@@ -159,18 +163,24 @@ def weigh(
         if not reference or both.calibration != layout.calibration or both.tolerance != layout.tolerance:
             calibration = evidence.calibrate(reference, both, library, coarse=coarse)
         layout = both
-        whitened = [evidence.whiten(t, layout, calibration.noise) for t in trips]
+        trips, whitened = evidence.doubted(trips, layout, calibration, coarse=coarse)
         gram = sum((w.gram for w in whitened), np.zeros_like(whitened[0].gram))
         reduced = evidence.reduce(gram, layout, calibration)
         posterior = evidence.posterior(reduced, library, layout, hide, thresholds)
+        for _ in range(REFITS if posterior.none < 0.9 else 0):
+            trips, whitened = refit(trips, whitened, layout, calibration, library, posterior, car)
+            gram = sum((w.gram for w in whitened), np.zeros_like(whitened[0].gram))
+            reduced = evidence.reduce(gram, layout, calibration)
+            posterior = evidence.posterior(reduced, library, layout, hide, thresholds)
         where = locate(trips, whitened, layout, calibration, posterior, library, reduced)
         shrinkage = shrink(trips, whitened, reference, layout, calibration, posterior, library, hide)
+        waste = regret(trips, whitened, layout, calibration, library, posterior, leading(posterior), car)
         dumb = unseen(trips, reduced, library, coarse)
         delay = _delay(trips, whitened, layout, calibration, library, hide, thresholds)
         control = _controls(trips, whitened, layout, calibration, library, posterior)
     return Diagnosis(
         car, tuple(reference), tuple(trips), library, layout, calibration, reduced, posterior, tuple(where), shrinkage,
-        tuple(dumb), tuple(notes), coarse, tuple(hide), delay, control,
+        tuple(dumb), tuple(notes), coarse, tuple(hide), delay, control, advice_regret=waste,
     )  # fmt: skip
 
 
@@ -223,6 +233,8 @@ def _controls(trips, whitened, layout, calibration, library, posterior) -> dict[
     return out
 
 
+REFITS = 2
+"""Re-simulations of the leading hypotheses."""
 SHORTEST = 45.0
 """s: what a trip must last to be compared at all."""
 NEVER: Mapping[str, str] = {
@@ -248,7 +260,7 @@ def _one(job: tuple[SensorLog, Car, Road | None, Mapping[str, float] | None]) ->
     """One trip's columns; None and the reason where it cannot be used."""
     log, car, road, correction = job
     with threadpool_limits(1):
-        vector = plant_parameters(car)
+        vector = vector_of(car)
         library = Library(tuple(signatures.variants(car)), tuple(generic.library(car)))
         trace = reconstruct(log, car, road)
         if trace.time[-1] - trace.time[0] < SHORTEST:

@@ -5,15 +5,15 @@ weather) of known prior and effect columns S of prior deviation s, the evidence 
 one Gram matrix per trip, so that held-out trips, pairs and cross-validation are sums of small matrices.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rollingroad.gap import generic
-from rollingroad.gap.channels import Prepared, block_means, values
+from rollingroad.gap.channels import CHANNELS, REGIMES, Prepared, block_means, values
 from rollingroad.gap.design import (
     FUEL,
     Columns,
@@ -76,7 +76,8 @@ def columns_of(
     """Compute every column of one trip: the costly part. `correction` are the calibration's coefficients by name."""
     base = values(p, car, vector)
     calibration = calibration_columns(p, car, vector)
-    burnt = block_means(p, "fuel_power", replay_vector(vector, p.samples.motion).fuel)
+    nominal = block_means(p, "fuel_power", replay_vector(vector, p.samples.motion).fuel)
+    burnt = nominal
     if correction:
         known = np.array([correction.get(name, 0.0) for name in calibration.names])
         burnt = burnt + (calibration.matrix @ known) * (p.layout.channel == FUEL)
@@ -84,8 +85,10 @@ def columns_of(
     context = Context(p, car, vector, base, np.maximum(burnt, 0.0), slope)
     effects = [v.make(context) for v in library.variants]
     regressors = generic.columns(context)
+    # what is fitted to the references must mean the same in the diagnosed trips: never the corrected simulator
+    plain = generic.columns(Context(p, car, vector, base, np.maximum(nominal, 0.0))) if correction else regressors
     state = [
-        (f"state.{g.name}", regressors[:, i], 0.5 * g.sd)
+        (f"state.{g.name}", plain[:, i], 0.5 * g.sd)
         for i, g in enumerate(library.regressors)
         if g.name in generic.STATE
     ]
@@ -159,6 +162,16 @@ class Whitened:
     own: Array
     own_sd: Array
     gram: Array
+    apply: Callable[[Array], Array]
+    """The whitening itself, for further columns."""
+
+
+def marginal_gram(rows: Array, own: Array, own_sd: Array) -> Array:
+    """Gram matrix of `rows` with the trip's own columns marginalised."""
+    scaled = own * own_sd
+    middle = np.linalg.inv(np.eye(scaled.shape[1]) + scaled.T @ scaled)
+    cross = scaled.T @ rows
+    return rows.T @ rows - cross.T @ middle @ cross
 
 
 def whiten(trip: Trip, layout: Layout, noise: Noise) -> Whitened:
@@ -166,10 +179,43 @@ def whiten(trip: Trip, layout: Layout, noise: Noise) -> Whitened:
     apply = whitener(trip.p, noise)
     both = apply(np.concatenate([stack(trip, layout), trip.own.matrix], axis=1))
     rows, own = both[:, : -trip.own.matrix.shape[1] or None], both[:, both.shape[1] - trip.own.matrix.shape[1] :]
-    scaled = own * trip.own.sd
-    middle = np.linalg.inv(np.eye(scaled.shape[1]) + scaled.T @ scaled)
-    cross = scaled.T @ rows
-    return Whitened(rows, own, trip.own.sd, rows.T @ rows - cross.T @ middle @ cross)
+    return Whitened(rows, own, trip.own.sd, marginal_gram(rows, own, trip.own.sd), apply)
+
+
+ODD = 4.0
+"""Robust deviations of its kind beyond which a block is an accident: a stalled launch, a foot on the brake."""
+ACCIDENTS = (
+    ("fuel_power", "launch"), ("fuel_power", "open"), ("coast_force", None), ("gear_ratio", None),
+    ("launch_speed", None), ("shift_time", None), ("gnss_speed", None),
+)  # fmt: skip
+"""Channels and regimes in which accidents happen. (Fuel in gear and at idle has none; what is odd there is a gap.)"""
+
+
+def tamed(trip: Trip, residual: Array) -> Trip:
+    """`trip` with the accidents among its blocks doubted: their deviation is raised to what they are off by.
+
+    `residual` (m,) whitened. An effect moves many blocks of its kind and raises the robust deviation with them.
+    """
+    layout = trip.p.layout
+    sigma = layout.sigma.copy()
+    for channel, regime in ACCIDENTS:
+        kind = layout.channel == CHANNELS.index(channel)
+        if regime is not None:
+            kind &= layout.regime == REGIMES.index(regime)
+        if not kind.any():
+            continue
+        size = np.abs(residual[kind])
+        usual = max(1.0, 1.48 * float(np.median(size)))
+        sigma[kind] *= np.where(size > ODD * usual, size / (1.5 * usual), 1.0)
+    return replace(trip, p=replace(trip.p, layout=replace(layout, sigma=sigma)))
+
+
+def unexplained(w: Whitened, layout: Layout, calibration: "Calibration") -> Array:
+    """Whitened residual with the calibration taken off and the trip's own and the tolerances fitted away."""
+    c, n = len(layout.calibration), layout.nuisance
+    own = np.concatenate([w.rows[:, c:n] * layout.tolerance_sd, w.own * w.own_sd], axis=1)
+    left = w.rows[:, -1] - w.rows[:, :c] @ calibration.mean
+    return left - own @ np.linalg.solve(np.eye(own.shape[1]) + own.T @ own, own.T @ left)
 
 
 @dataclass(frozen=True)
@@ -198,6 +244,21 @@ def _information(gram: Array, layout: Layout, scale: float = 1.0) -> tuple[Array
     return a[:c, :c] - a[:c, c:] @ inner @ a[c:, :c], b[:c] - a[:c, c:] @ inner @ b[c:]
 
 
+def doubted(
+    trips: Sequence[Trip], layout: Layout, calibration: Calibration, *, coarse: bool
+) -> tuple[list[Trip], list[Whitened]]:
+    """The diagnosed trips whitened, their accidents doubted first (`coarse` logs have too few blocks to tell one)."""
+    done = [whiten(trip, layout, calibration.noise) for trip in trips]
+    if coarse:
+        return list(trips), done
+    out = [tamed(trip, unexplained(w, layout, calibration)) for trip, w in zip(trips, done, strict=True)]
+    again = [
+        w if np.array_equal(new.p.layout.sigma, old.p.layout.sigma) else whiten(new, layout, calibration.noise)
+        for new, old, w in zip(out, trips, done, strict=True)
+    ]
+    return out, again
+
+
 NO_REFERENCE = 0.12
 """Without reference trips the simulator's own map is what is compared: the correction keeps this share of its
 freedom."""
@@ -223,6 +284,11 @@ def calibrate(reference: Sequence[Trip], layout: Layout, library: Library, *, co
         done = [whiten(trip, layout, noise) for trip in reference]
         if len(done) > 1 or coarse:
             noise = _rescaled(noise, reference, done, layout, leave_out=not coarse)
+        if not coarse:
+            total = sum((w.gram for w in done), np.zeros_like(done[0].gram))
+            known = Calibration(*_information(total, layout), noise, 1.0, len(reference))
+            scaled = [unexplained(w, layout, known) for w in done]
+            reference = [tamed(trip, r) for trip, r in zip(reference, scaled, strict=True)]
     done = [whiten(trip, layout, noise) for trip in reference]
     total = sum((w.gram for w in done), np.zeros_like(done[0].gram))
     information, vector = _information(total, layout)
@@ -304,17 +370,31 @@ class Fit:
     covariance: Array
 
 
+SCALES = (1.0, 0.3, 0.1)
+"""Prior deviations of a size, in shares of the declared one, equally likely: effects are small more often than large,
+and a single wide prior would charge a small one for all the sizes that it is not."""
+
+
 def fit(r: Reduced, index: NDArray[np.int64] | list[int], sd: Array) -> Fit:
-    """Evidence of the columns `index` with prior deviations `sd` (same length)."""
+    """Evidence of the columns `index` with prior deviations `sd` (same length), averaged over SCALES; coefficients and
+    covariance are the mixture's."""
     index = np.asarray(index, int)
+    if not len(index):
+        return Fit(0.0, 0.0, np.zeros(0), np.zeros((0, 0)))
     a, b = r.information[np.ix_(index, index)], r.vector[index]
-    scaled = np.eye(len(index)) + sd[:, None] * a * sd[None, :]
-    inverse = np.linalg.inv(scaled)
-    covariance = sd[:, None] * inverse * sd[None, :]
-    value = covariance @ b
-    explained = float(b @ value)
-    _, determinant = np.linalg.slogdet(scaled)
-    return Fit(0.5 * explained - 0.5 * float(determinant), explained, value, covariance)
+    wide = np.outer(SCALES, sd)
+    scaled = np.eye(len(index)) + wide[:, :, None] * a * wide[:, None, :]
+    covariance = wide[:, :, None] * np.linalg.inv(scaled) * wide[:, None, :]
+    values = covariance @ b
+    explained = values @ b
+    logs = 0.5 * explained - 0.5 * np.linalg.slogdet(scaled)[1]
+    share = np.exp(logs - logs.max())
+    log = float(logs.max() + np.log(share.mean()))
+    share /= share.sum()
+    value = share @ values
+    apart = values - value
+    spread = np.einsum("i,ijk->jk", share, covariance) + np.einsum("i,ij,ik->jk", share, apart, apart)
+    return Fit(log, float(share @ explained), value, spread)
 
 
 def cosine(r: Reduced, first: NDArray, second: NDArray) -> float:
@@ -360,6 +440,8 @@ class Thresholds:
     """Correlation with a named effect above which a regressor is that effect and not something else."""
     barrier: float = 3.5
     """log units that any cause must overcome before "nothing" loses: pays for looking everywhere."""
+    floor: Mapping[str, float] = field(default_factory=dict)
+    """"effect.parameter" -> deviation of what our own model's errors make of it on trips without a gap."""
 
 
 @dataclass(frozen=True)
@@ -412,18 +494,54 @@ def _outside(
     log = log_mean_exp(np.array([f.log_bayes for f in alone.values()]))
     if both:
         second = max(both, key=lambda i: both[i].log_bayes)
-        log = float(np.logaddexp(log, log_mean_exp(np.array([f.log_bayes for f in both.values()])) - np.log(4.0)))
+        # the first of the two was sought among all: averaged over them it is one in as many
+        pairs = log_mean_exp(np.array([f.log_bayes for f in both.values()])) - np.log(len(new))
+        log = float(np.logaddexp(log, pairs))
         if both[second].log_bayes > alone[first].log_bayes + 2.0:
             found = ([first, second], both[second])
     return found, log
+
+
+def floored(r: Reduced, library: Library, floor: Mapping[str, float]) -> Reduced:
+    """`r` with what the model's own errors make of each effect marginalised: below that there is nothing to explain."""
+    names = [f"{v.effect}.{c.parameter.split('~')[0]}" for v in library.variants for c in v.columns]
+    sd = np.array([floor.get(name, 0.0) for name in names])
+    index = np.flatnonzero(sd > 0.0)
+    if not len(index):
+        return r
+    cross = r.information[:, index] * sd[index]
+    middle = np.eye(len(index)) + sd[index, None] * r.information[np.ix_(index, index)] * sd[None, index]
+    solve = np.linalg.solve(middle, np.column_stack([cross.T, r.vector[index] * sd[index]]))
+    return Reduced(r.information - cross @ solve[:, :-1], r.vector - cross @ solve[:, -1])
 
 
 LEADING = 8
 """Pairs have one of this many leading single effects in them; two effects that are both weaker are never the answer."""
 
 
-def posterior(r: Reduced, library: Library, layout: Layout, hidden: Sequence[str], t: Thresholds) -> Posterior:
-    """Weigh all hypotheses."""
+@dataclass(frozen=True)
+class Hypotheses:
+    """Evidence (log Bayes factors against "none") of everything that may be the answer, before any prior."""
+
+    singles: Mapping[str, float]
+    fits: Mapping[str, tuple[Variant, Fit]]
+    pairs: Mapping[tuple[str, str], tuple[Variant, Variant, Fit]]
+    outside: float
+    regressors: tuple[tuple[generic.Regressor, ...], Fit] | None
+
+    @property
+    def explained(self) -> float:
+        """Chi square that the best of them explains."""
+        fits = [f for _, f in self.fits.values()] + [f for *_, f in self.pairs.values()]
+        fits += [self.regressors[1]] if self.regressors is not None else []
+        return max((f.explained for f in fits), default=0.0)
+
+
+def hypotheses(
+    r: Reduced, library: Library, layout: Layout, hidden: Sequence[str], t: Thresholds, pairs: bool = True
+) -> Hypotheses:
+    """Fit every hypothesis; `pairs` False leaves those out."""
+    r = floored(r, library, t.floor)
     sd, places = library.sd, library.places
     by_effect: dict[str, list[tuple[Variant, Fit, NDArray]]] = {}
     seen = visible(r, library)
@@ -434,38 +552,42 @@ def posterior(r: Reduced, library: Library, layout: Layout, hidden: Sequence[str
         by_effect.setdefault(variant.effect, []).append((variant, fit(r, index, sd[index]), index))
     singles = {name: log_mean_exp(np.array([f.log_bayes for _, f, _ in rows])) for name, rows in by_effect.items()}
     best = {name: max(rows, key=lambda row: row[1].log_bayes) for name, rows in by_effect.items()}
-
-    pairs: dict[tuple[str, str], tuple[Variant, Variant, Fit]] = {}
+    both: dict[tuple[str, str], tuple[Variant, Variant, Fit]] = {}
     names = sorted(best, key=lambda n: -singles[n])
-    for i, first in enumerate(names[:LEADING]):
+    for i, first in enumerate(names[: LEADING if pairs else 0]):
         for second in names[i + 1 :]:
             (v1, _, i1), (v2, _, i2) = best[first], best[second]
             if cosine(r, i1, i2) > 0.97:
                 continue
             index = np.concatenate([i1, i2])
-            pairs[(first, second)] = (v1, v2, fit(r, index, sd[index]))
+            both[(first, second)] = (v1, v2, fit(r, index, sd[index]))
+    found, outside = _outside(r, library, layout, by_effect, t)
+    return Hypotheses(
+        singles, {n: (v, f) for n, (v, f, _) in best.items()}, both, float(outside),
+        (tuple(library.regressors[i] for i in found[0]), found[1]) if found[0] else None,
+    )  # fmt: skip
 
-    found, outside_log = _outside(r, library, layout, by_effect, t)
 
-    explained = max(
-        [row[1].explained for row in best.values()]
-        + [f.explained for *_, f in pairs.values()]
-        + [found[1].explained, 0.0]
-    )
-    squeeze = t.temperature * (1.0 + 0.5 * t.misfit**2 * explained)
+def weighed(h: Hypotheses, t: Thresholds) -> Posterior:
+    """Probabilities of `h` under the frozen priors. A signature is right to a share `misfit` of its size only, so the
+    evidence of a loud effect is tempered; `barrier` is what any cause must overcome."""
+    squeeze = t.temperature * (1.0 + 0.5 * t.misfit**2 * h.explained)
     rows: list[tuple[object, float]] = [("none", np.log(t.prior_none))]
-    rows += [(n, np.log(t.prior_single / max(len(singles), 1)) + x / squeeze - t.barrier) for n, x in singles.items()]
-    rows += [
-        (n, np.log(t.prior_pair / max(len(pairs), 1)) + f.log_bayes / squeeze - t.barrier)
-        for n, (*_, f) in pairs.items()
-    ]
-    rows.append(("outside", np.log(t.prior_outside) + float(outside_log) / squeeze - t.barrier))
+    single = np.log(t.prior_single / max(len(h.singles), 1)) - t.barrier
+    rows += [(n, single + x / squeeze) for n, x in h.singles.items()]
+    pair = np.log(t.prior_pair / max(len(h.pairs), 1)) - t.barrier
+    rows += [(n, pair + f.log_bayes / squeeze) for n, (*_, f) in h.pairs.items()]
+    rows.append(("outside", np.log(t.prior_outside) - t.barrier + h.outside / squeeze))
     logs = np.array([x for _, x in rows])
     probability = np.exp(logs - logs.max())
     probability /= probability.sum()
     table = {name: float(q) for (name, _), q in zip(rows, probability, strict=True)}
     return Posterior(
-        table["none"], {n: table[n] for n in singles}, {n: table[n] for n in pairs}, table["outside"],
-        {n: (v, f) for n, (v, f, _) in best.items()}, pairs,
-        (tuple(library.regressors[i] for i in found[0]), found[1]) if found[0] else None,
+        table["none"], {n: table[n] for n in h.singles}, {n: table[n] for n in h.pairs}, table["outside"],
+        h.fits, h.pairs, h.regressors,
     )  # fmt: skip
+
+
+def posterior(r: Reduced, library: Library, layout: Layout, hidden: Sequence[str], t: Thresholds) -> Posterior:
+    """Weigh all hypotheses."""
+    return weighed(hypotheses(r, library, layout, hidden, t), t)

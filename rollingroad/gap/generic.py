@@ -81,6 +81,9 @@ def library(car: Car) -> list[Regressor]:
             rows.append((f"force_v2_{phase}{period:g}",
                 f"a force growing with speed squared that comes and goes every {period:g} s",
                          "N s2/m2", weight / 150, "road_load"))  # fmt: skip
+    for name, degrees in (("north", 0), ("east", 90)):
+        rows.append((f"force_v_{name}", f"a force growing with speed, turning with the heading from {degrees} degrees",
+                     "N s/m", weight / 8, "road_load"))  # fmt: skip
     return [Regressor(*row) for row in rows]
 
 
@@ -151,4 +154,5 @@ def columns(c: Context) -> Array:
     for period in (120.0, 200.0, 300.0, 400.0):
         out.append(force(v**2 * np.cos(2 * np.pi * t / period)))
         out.append(force(v**2 * np.sin(2 * np.pi * t / period)))
+    out += [force(v * np.cos(heading)), force(v * np.sin(heading))]
     return np.stack(out, axis=1)

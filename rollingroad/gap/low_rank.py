@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingroad.gap.channels import CHANNELS
-from rollingroad.gap.evidence import Calibration, Layout, Trip, Whitened
-from rollingroad.gap.where import residual
+from rollingroad.gap.evidence import Calibration, Layout, Trip, Whitened, unexplained
 
 WINDOW = 30.0
 USED = ("fuel_power", "coast_force", "gnss_speed", "gear_ratio", "height_gps", "height_map")
@@ -32,7 +31,7 @@ def low_rank(trips: Sequence[Trip], whitened: Sequence[Whitened], layout: Layout
     """Singular values and directions of the residuals of all trips."""
     rows = []
     for trip, w in zip(trips, whitened, strict=True):
-        r = residual(w, layout, calibration)
+        r = unexplained(w, layout, calibration)
         window = (trip.p.layout.time / WINDOW).astype(int)
         table = np.zeros((int(window.max()) + 1, len(USED)))
         for i, name in enumerate(USED):

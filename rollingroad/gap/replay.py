@@ -66,7 +66,22 @@ class Replay:
 
 def replay(car: Car, motion: Motion, settings: Mapping[str, float] | None = None) -> Replay:
     """Return what `car` under `settings` ("effect.parameter": value) needs for `motion`."""
-    return replay_vector(plant_parameters(car, settings), motion)
+    return replay_vector(vector_of(car, settings), motion)
+
+
+_car: list[Car] = []
+_vectors: dict[tuple[tuple[str, float], ...], Array] = {}
+
+
+def vector_of(car: Car, settings: Mapping[str, float] | None = None) -> Array:
+    """Return the plant's parameter vector; every trip of a car asks for the same hundred, so they are kept."""
+    if not _car or (_car[0] is not car and _car[0] != car):
+        _car[:] = [car]
+        _vectors.clear()
+    key = tuple(sorted((settings or {}).items()))
+    if key not in _vectors:
+        _vectors[key] = plant_parameters(car, settings)
+    return _vectors[key]
 
 
 def _table(p: Array, base: int, speed: Array) -> Array:

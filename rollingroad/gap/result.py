@@ -103,7 +103,7 @@ def as_json(d: "Diagnosis") -> dict[str, Any]:
             "trip_fuel_error_before_percent": s.fuel_before, "trip_fuel_error_after_percent": s.fuel_after,
         },
         "not_testable": [{"effect": effect, "because": why} for effect, why in d.not_testable],
-        "advice": {"fuel_regret_before_percent": None, "fuel_regret_after_percent": None},
+        "advice": dict(zip(("fuel_regret_before_percent", "fuel_regret_after_percent"), d.advice_regret, strict=True)),
         "notes": list(d.notes),
         "restarts": [
             {"trip": r.name, "rest_s": r.rest_s, "effect": r.effect, "probability": r.probability, "scale": r.scale,

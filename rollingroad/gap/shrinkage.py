@@ -68,7 +68,7 @@ def shrink(
 ) -> Shrinkage:  # fmt: skip
     """Fit on the other trips, judge on the one left out (on itself, if it is alone)."""
     places = {id(v): p for v, p in zip(library.variants, library.places, strict=True)}
-    chosen = _leading(posterior)
+    chosen = leading(posterior)
     columns, sd = _columns_of(chosen, posterior, library, layout, places)
     channel = _channel(columns, posterior, whitened, trips, layout, chosen, library, places)
     held = len(trips) > 1
@@ -115,7 +115,7 @@ def shrink(
     )  # fmt: skip
 
 
-def _leading(posterior: Posterior) -> tuple[str, ...]:
+def leading(posterior: Posterior) -> tuple[str, ...]:
     """The most probable cause, if any is likelier than none; "outside_catalogue" is one."""
     outside = posterior.outside if posterior.regressors is not None else 0.0
     rows: list[tuple[float, tuple[str, ...]]] = [(posterior.none, ()), (outside, ("outside_catalogue",))]

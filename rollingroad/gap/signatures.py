@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from observer.observe import pulse_angle
 from rollingroad.gap.channels import Correction, Prepared, block_means, resensed, values
-from rollingroad.gap.replay import replay_vector
+from rollingroad.gap.replay import replay_vector, vector_of
 from vehicle_model.car.parameters import Car
-from vehicle_model.plant.parameters import plant_parameters
 
 Array = NDArray[np.float64]
 
@@ -44,6 +43,13 @@ class Variant:
     """Parameters of shape, as settings."""
     make: Callable[["Context"], Array]
     """(m, number of columns)."""
+    settings: Callable[[Array], list[dict[str, float]]] | None = None
+    """Settings of the simulator, at given coefficients, whose signals add up to the effect's; None for a sensor's."""
+
+    def at(self, c: "Context", value: Array) -> Array:
+        """(m,): the signal re-simulated at coefficients `value`. Raises BadInput where the simulator refuses them."""
+        assert self.settings is not None
+        return sum((c.neutral - c.residual(one) for one in self.settings(value)), np.zeros(len(c.base)))
 
 
 @dataclass(frozen=True)
@@ -62,12 +68,17 @@ class Context:
 
     def residual(self, settings: Mapping[str, float]) -> Array:
         """(m,): measured less calibrated replay under `settings` ("effect.parameter": value)."""
-        return values(self.p, self.car, plant_parameters(self.car, settings), self.correction)
+        return values(self.p, self.car, vector_of(self.car, settings), self.correction)
 
     @cached_property
     def neutral(self) -> Array:
         """(m,): the same with nothing set."""
         return values(self.p, self.car, self.vector, self.correction)
+
+    @cached_property
+    def compressor(self) -> Array:
+        """(m,) per W at the crankshaft."""
+        return (self.neutral - self.residual({"accessory_load.power": 400.0})) / 400.0 * 0.536
 
 
 def _plant(
@@ -83,7 +94,11 @@ def _plant(
             out.append((c.neutral - c.residual(settings)) / step)
         return np.stack(out, axis=1)
 
-    return Variant(effect, columns, shape, make)
+    def settings(value: Array) -> list[dict[str, float]]:
+        moved = {f"{effect}.{name}": row[0] + float(x) for (name, row), x in zip(steps.items(), value, strict=True)}
+        return [{**moved, **shape}]
+
+    return Variant(effect, columns, shape, make, settings)
 
 
 def _sensor(effect: str, columns: tuple[Column, ...], make: Callable[[Context], list[Array]]) -> Variant:
@@ -116,7 +131,10 @@ def _wind() -> Variant:
             out.append((both[1] - both[0]) / 4.0)
         return np.stack(out, axis=1)
 
-    return Variant("head_wind", columns, {}, make)
+    def settings(value: Array) -> list[dict[str, float]]:
+        return [{"head_wind.speed": float(np.hypot(*value)), "head_wind.from": float(np.arctan2(value[1], value[0]))}]
+
+    return Variant("head_wind", columns, {}, make, settings)
 
 
 def _warm(
@@ -139,7 +157,11 @@ def _warm(
             out.append((c.neutral - c.residual(settings)) / step)
         return np.stack(out, axis=1)
 
-    return Variant(effect, columns, shapes[0], make)
+    def settings(value: Array) -> list[dict[str, float]]:
+        parts = zip(shapes, value, strict=True)
+        return [{f"{effect}.{amount}": neutral + float(x), **shape} for shape, x in parts]
+
+    return Variant(effect, columns, shapes[0], make, settings)
 
 
 def _wheel_slip(c: Context) -> list[Array]:
@@ -263,9 +285,13 @@ def variants(car: Car) -> list[Variant]:
         for torque in (0.15, 0.3, 0.45, 0.65, 0.85, 1.05):
             out.append(_plant("map_drift", {"size": (0.0, 0.03, "", 0.04, 0)},
                               {"map_drift.speed": speed, "map_drift.torque": torque}))  # fmt: skip
-    for period in (12.0, 16.0, 20.0, 25.0, 30.0, 36.0, 44.0, 52.0, 60.0):
-        out.append(_cycling(period))
+    for frequency in np.arange(1.0 / PERIODS[1], 1.0 / PERIODS[0], 1.0 / COHERENT):
+        out.append(_cycling(float(1.0 / frequency)))
     return out
+
+
+PERIODS, COHERENT = (17.0, 65.0), 1500.0
+"""s: of a compressor; twice the longest time over which two neighbouring frequencies stay in step."""
 
 
 def _cold_with_start() -> Variant:
@@ -291,7 +317,7 @@ def _cycling(period: float) -> Variant:
     )
 
     def make(c: Context) -> Array:
-        mean = (c.neutral - c.residual({"accessory_load.power": 400.0})) / 400.0 * 0.536
+        mean = c.compressor
         t = c.p.layout.time
         phase = 2.0 * np.pi * t / period
         return np.stack([0.5 * mean, mean * np.cos(phase), mean * np.sin(phase)], axis=1)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from rollingroad.gap.channels import CHANNELS, REGIMES
-from rollingroad.gap.evidence import Calibration, Layout, Library, Posterior, Reduced, Trip, Whitened
+from rollingroad.gap.evidence import Calibration, Layout, Library, Posterior, Reduced, Trip, Whitened, unexplained
 from rollingroad.gap.identify import SUBSYSTEM
 
 Array = NDArray[np.float64]
@@ -39,14 +39,6 @@ def regimes_of(trip: Trip) -> list[str]:
             name = "climb" if g > 0.02 else "acceleration" if a > 0.35 else "cruise"
         names.append({"open": "shift", "overrun": "deceleration", "drive": "moving"}.get(name, name))
     return names
-
-
-def residual(w: Whitened, layout: Layout, calibration: Calibration) -> Array:
-    """Whitened residual with the calibration taken off and the trip's own and the tolerances fitted away."""
-    c, n = len(layout.calibration), layout.nuisance
-    own = np.concatenate([w.rows[:, c:n] * layout.tolerance_sd, w.own * w.own_sd], axis=1)
-    left = w.rows[:, -1] - w.rows[:, :c] @ calibration.mean
-    return left - own @ np.linalg.solve(np.eye(own.shape[1]) + own.T @ own, own.T @ left)
 
 
 def signal(index: NDArray, value: Array, w: Whitened, layout: Layout) -> Array:
@@ -127,7 +119,7 @@ def _tests(
     """Adjusted p-value of each cell (channel, regime): is the residual there larger than its noise?"""
     squares: dict[tuple[str, str], list[float]] = {}
     for trip, w, regimes in zip(trips, whitened, names, strict=True):
-        r = residual(w, layout, calibration)
+        r = unexplained(w, layout, calibration)
         for block, value in enumerate(r):
             channel = CHANNELS[trip.p.layout.channel[block]]
             for regime in (regimes[block], *(("first_600_s",) if trip.p.layout.time[block] < EARLY else ())):

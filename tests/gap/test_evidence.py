@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from rollingroad.gap.design import default_noise
-from rollingroad.gap.evidence import Calibration, Layout, Reduced, cosine, fit, log_mean_exp, reduce
+from rollingroad.gap.evidence import SCALES, Calibration, Layout, Reduced, cosine, fit, log_mean_exp, reduce
 
 
 def _problem(seed: int, n: int = 40):
@@ -28,15 +28,20 @@ def _reduced(columns, y, mean=0.4, information=9.0) -> Reduced:
 
 @pytest.mark.parametrize("index", [[0], [1], [0, 2]])
 def test_bayes_factor_is_the_ratio_of_normal_densities(index: list[int]) -> None:
-    """Given Gaussian priors, then the log Bayes factor is that of two multivariate normals over the data."""
+    """Given a mixture of Gaussian priors, then the log Bayes factor is that of multivariate normals over the data, and
+    the coefficients are the mixture's."""
     columns, y = _problem(1)
     sd = np.array([1.5, 0.6, 0.9])[index]
     found = fit(_reduced(columns, y), index, sd)
     mean = 0.4 * columns[:, 0]
     none = np.eye(len(y)) + np.outer(columns[:, 0], columns[:, 0]) / 9.0 + 0.25 * np.outer(columns[:, 1], columns[:, 1])
-    effect = columns[:, 2:][:, index] * sd
-    want = multivariate_normal(mean, none + effect @ effect.T).logpdf(y) - multivariate_normal(mean, none).logpdf(y)
-    assert found.log_bayes == pytest.approx(want, rel=1e-9)
+    logs = []
+    for scale in SCALES:
+        effect = columns[:, 2:][:, index] * sd * scale
+        logs.append(
+            multivariate_normal(mean, none + effect @ effect.T).logpdf(y) - multivariate_normal(mean, none).logpdf(y)
+        )
+    assert found.log_bayes == pytest.approx(log_mean_exp(np.array(logs)), rel=1e-9)
 
 
 def test_posterior_is_generalised_least_squares() -> None:

@@ -65,7 +65,8 @@ def score(folder: Path) -> dict[str, Any]:
     return out
 
 
-def _read(folder: Path) -> list[Row]:
+def opened_key(folder: Path) -> list[dict[str, Any]]:
+    """The key of each case. Raises BadInput where it is not the one that the manifest committed to."""
     try:
         manifest = json.loads((folder / "manifest.json").read_text())
         body = (folder / "key" / "key.json").read_text()
@@ -75,8 +76,12 @@ def _read(folder: Path) -> list[Row]:
         raise BadInput(folder, "manifest.json, key/key.json, key/salt", "a set made by `challenge make`") from error
     if hashlib.sha256((salt + body).encode()).hexdigest() != manifest["key_sha256"]:
         raise BadInput(folder / "key" / "key.json", "", "the key whose hash the manifest committed to")
+    return keys
+
+
+def _read(folder: Path) -> list[Row]:
     rows = []
-    for key in keys:
+    for key in opened_key(folder):
         path = folder / key["case"] / "result.json"
         if not path.exists():
             raise BadInput(path, "", "an answer; `challenge run` first")

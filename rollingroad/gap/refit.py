@@ -1,0 +1,88 @@
+"""Re-simulated refit of the leading hypotheses: the linear signature is right for small effects only.
+
+A Gauss-Newton step with Broyden's rank-one update: the simulator is run once more with the effect at the size that was
+fitted, and the columns are turned so that they give that signal there,
+
+    c_j' = c_j + (s(x) - C x) w_j x_j / sum(w x^2),    w = 1 / prior variance.
+
+Everything downstream (Gram matrices, pairs, held-out trips) stays linear, about the optimum instead of about zero:
+Laplace's approximation of the evidence there.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rollingroad.gap.channels import block_means, values
+from rollingroad.gap.design import FUEL, map_correction
+from rollingroad.gap.evidence import Calibration, Layout, Library, Posterior, Trip, Whitened, marginal_gram
+from rollingroad.gap.replay import replay_vector, vector_of
+from rollingroad.gap.signatures import Context, Variant
+from vehicle_model.car.errors import BadInput
+from vehicle_model.car.parameters import Car
+
+Array = NDArray[np.float64]
+SINGLES, PAIRS = 4, 3
+"""How many of the leading hypotheses are re-simulated."""
+SMALL = 0.3
+"""Prior deviations below which the linear signature is as good."""
+
+
+def leading(posterior: Posterior) -> dict[int, tuple[Variant, Array]]:
+    """Variants that the leading hypotheses are made of, by identity, with their fitted coefficients."""
+    out: dict[int, tuple[Variant, Array]] = {}
+    for effect in sorted(posterior.singles, key=lambda e: -posterior.singles[e])[:SINGLES]:
+        variant, fit = posterior.fits[effect]
+        out[id(variant)] = (variant, fit.value)
+    for pair in sorted(posterior.pairs, key=lambda e: -posterior.pairs[e])[:PAIRS]:
+        first, second, fit = posterior.pair_fits[pair]
+        if posterior.pairs[pair] > max(posterior.singles.values(), default=0.0):
+            out[id(first)] = (first, fit.value[: len(first.columns)])
+            out[id(second)] = (second, fit.value[len(first.columns) :])
+    return {
+        key: (variant, value)
+        for key, (variant, value) in out.items()
+        if variant.settings is not None and np.abs(value / np.array([c.sd for c in variant.columns])).max() > SMALL
+    }
+
+
+def refit(
+    trips: Sequence[Trip], whitened: Sequence[Whitened], layout: Layout, calibration: Calibration, library: Library,
+    posterior: Posterior, car: Car,
+) -> tuple[list[Trip], list[Whitened]]:  # fmt: skip
+    """Return the trips and their whitened form with the leading variants' columns re-simulated."""
+    chosen = leading(posterior)
+    if not chosen:
+        return list(trips), list(whitened)
+    places = {id(v): p for v, p in zip(library.variants, library.places, strict=True)}
+    correction = dict(zip(layout.calibration, calibration.mean, strict=True)) if calibration.trips else None
+    vector = vector_of(car)
+    out_trips, out_whitened = [], []
+    for trip, w in zip(trips, whitened, strict=True):
+        context = _context(trip, car, vector, correction)
+        effects, rows = trip.effects.copy(), w.rows.copy()
+        for key, (variant, value) in chosen.items():
+            place = places[key]
+            weight = np.array([c.sd for c in variant.columns]) ** -2.0 * value
+            try:
+                missing = variant.at(context, value) - effects[:, place] @ value
+            except BadInput:  # a size that the simulator refuses
+                continue
+            effects[:, place] += np.outer(missing, weight / float(weight @ value))
+            index = layout.nuisance + np.arange(place.start, place.stop)
+            rows[:, index] = w.apply(effects[:, place])
+        out_trips.append(replace(trip, effects=effects))
+        out_whitened.append(replace(w, rows=rows, gram=marginal_gram(rows, w.own, w.own_sd)))
+    return out_trips, out_whitened
+
+
+def _context(trip: Trip, car: Car, vector: Array, correction: dict[str, float] | None) -> Context:
+    p = trip.p
+    burnt = block_means(p, "fuel_power", replay_vector(vector, p.samples.motion).fuel)
+    if correction:
+        known = np.array([correction.get(name, 0.0) for name in trip.calibration.names])
+        burnt = burnt + (trip.calibration.matrix @ known) * (p.layout.channel == FUEL)
+    slope = map_correction(car, correction) if correction else None
+    return Context(p, car, vector, values(p, car, vector), np.maximum(burnt, 0.0), slope)
