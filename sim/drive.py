@@ -365,7 +365,11 @@ def _safe_wish(
     """The acceleration (m/s2) that SUMO's model and the junctions ahead allow at most."""
     allowed = math.inf
     if leader:
-        allowed = (traffic.follow_speed(speed, gap, leader, leader_speed, style.acceleration) - speed) / PERIOD
+        # Closing in he brakes as he always does; behind one who draws away he may pull as hard as he was told.
+        closing = min(max(speed - leader_speed, 0.0), 1.0)
+        brisk = traffic.follow_speed(speed, gap, leader, leader_speed, traffic.released or style.acceleration)
+        own = traffic.follow_speed(speed, gap, leader, leader_speed, style.acceleration)
+        allowed = (brisk + closing * (own - brisk) - speed) / PERIOD
     if stop < math.inf:
         allowed = min(allowed, (traffic.stop_speed(speed, stop - STOP_SHORT, style.acceleration) - speed) / PERIOD)
     if left < 30.0 + speed * speed / (2.0 * 1.0):

@@ -42,7 +42,7 @@ class Traffic:
         self.speed = 0.0
         self._before = 0.0
         self._commanded = 0.0
-        self._released = 0.0
+        self.released = 0.0
 
     def __enter__(self) -> "Traffic":
         os.environ.setdefault("SUMO_HOME", sumo.SUMO_HOME)
@@ -117,12 +117,12 @@ class Traffic:
 
     @contextmanager
     def _own(self, acceleration: float) -> Iterator[None]:
-        if not self._released:
+        if not self.released:
             yield
             return
         libsumo.vehicle.setAccel(EGO, acceleration)
         yield
-        libsumo.vehicle.setAccel(EGO, self._released)
+        libsumo.vehicle.setAccel(EGO, self.released)
 
     def signal(self) -> tuple[float, str]:
         """Distance (m) and state letter of the next signal within sight; (inf, "")."""
@@ -163,5 +163,5 @@ class Traffic:
 
     def release(self, acceleration: float) -> None:
         """Let the ego's model accelerate up to `acceleration` (m/s2) from now on (the advised driver)."""
-        self._released = acceleration
+        self.released = acceleration
         libsumo.vehicle.setAccel(EGO, acceleration)
