@@ -3,7 +3,7 @@
 An optimal plan, made anew every second, swings between slightly more and slightly less, and so does its gear. On the
 display that is one change every few seconds, and each change is a look away from the road. So the display shows an
 arrow (up, hold, down) with hysteresis and a least time between two changes, and a gear that must have been wanted for a
-while; what it shows is what the driver acts upon. To lift off is never delayed.
+while; what it shows is what the driver acts upon. What is urgent (to lift off; to pull out of a bend) is never delayed.
 """
 
 import math
@@ -14,9 +14,9 @@ from sim.advisor import Suggestion
 OUTER, INNER = 0.30, 0.10
 """m/s2 beyond which "hold" becomes an arrow, and below which an arrow becomes "hold"."""
 ARROW_DWELL = 5.0
-"""s that an arrow stays at least, unless it is time to lift off."""
+"""s that an arrow stays at least, unless another is urgent."""
 URGENT = 0.50
-"""m/s2 of wanted slowing down that does not wait."""
+"""m/s2 of wanted change of speed that does not wait."""
 GEAR_DWELL, GEAR_SURE = 5.0, 1.0
 """s that a gear stays at least, and that another must have been wanted for."""
 FAR_GEAR = 2

@@ -5,7 +5,7 @@ import pytest
 
 from scenarios import files
 from sim.advisor import Suggestion, View
-from sim.display import ARROW_DWELL, GEAR_DWELL, Display
+from sim.display import ARROW_DWELL, GEAR_DWELL, URGENT, Display
 from sim.drive import WALKING, WARNED_TIME, _warned, drive
 from sim.network import Network
 from vehicle_model.car.parameters import Car
@@ -31,13 +31,19 @@ def test_steady_advice_is_shown_once_and_unaltered() -> None:
     assert display.changes == 0 and all(s == Suggestion(0.8, 3) for s in found)
 
 
-def test_to_lift_off_is_shown_at_once_to_accelerate_waits() -> None:
+def test_what_is_urgent_is_shown_at_once_gentle_acceleration_waits() -> None:
     display = Display(0.1)
     shown(display, [0.8] * 5, [3] * 5)
     (lift,) = shown(display, [-0.9], [3])
     assert lift.acceleration == -0.9
-    assert all(s.acceleration <= 0.0 for s in shown(display, [0.8] * 20, [3] * 20)), "the arrow stays down for a while"
-    assert shown(display, [0.8] * 60, [3] * 60)[-1].acceleration == 0.8
+    gentle = URGENT - 0.1
+    assert all(s.acceleration <= 0.0 for s in shown(display, [gentle] * 20, [3] * 20)), (
+        "the arrow stays down for a while"
+    )
+    assert shown(display, [gentle] * 60, [3] * 60)[-1].acceleration == gentle
+    shown(display, [-0.9], [3])
+    (out_of_the_bend,) = shown(display, [0.8], [3])
+    assert out_of_the_bend.acceleration == 0.8
 
 
 def test_what_is_acted_upon_never_contradicts_the_arrow() -> None:
