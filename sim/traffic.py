@@ -6,6 +6,7 @@ import os
 import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import chain
 from pathlib import Path
 
 import libsumo
@@ -141,13 +142,10 @@ class Traffic:
         return (not links or bool(links[0][2])), left
 
     def state_hash(self) -> int:
-        """64 bits over all vehicles' names, speeds and positions (x, y: lane changes too)."""
-        vehicle = libsumo.vehicle
-        names = vehicle.getIDList()
-        numbers = [vehicle.getSpeed(name) for name in names]
-        for name in names:
-            numbers += vehicle.getPosition(name)
-        digest = hashlib.blake2b(struct.pack(f"{len(numbers)}d", *numbers), digest_size=8)
+        """64 bits over all vehicles' names and positions (x, y: lane changes too; a speed is how far one got)."""
+        names = libsumo.vehicle.getIDList()
+        places = list(chain.from_iterable(map(libsumo.vehicle.getPosition, names)))
+        digest = hashlib.blake2b(struct.pack(f"{len(places)}d", *places), digest_size=8)
         digest.update("".join(names).encode())
         return int.from_bytes(digest.digest(), "little")
 
