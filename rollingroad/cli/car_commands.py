@@ -25,7 +25,7 @@ def cycle(
     print_json(account) if json else cycle_table(account)
 
 
-@app.command()
+@app.command(epilog="Example: rollingroad dyno --car peugeot --json")
 def dyno(car: CarOption = None, json: Json = False) -> None:
     """The virtual dynamometer: steady efficiency, 2,500 to 6,000 rpm by 100, 25 to 80 Nm."""
     from rollingroad.cli.output import print_json
@@ -80,7 +80,7 @@ scenarios = typer.Typer(help="What there is to drive; whether a file is valid.",
 app.add_typer(scenarios, name="scenarios")
 
 
-@scenarios.command("list")
+@scenarios.command("list", epilog="Example: rollingroad scenarios list --json")
 def list_scenarios(json: Json = False) -> None:
     """The scenarios, roads' extracts and cars at hand."""
     from rollingroad.cli.output import print_json
@@ -91,7 +91,7 @@ def list_scenarios(json: Json = False) -> None:
     print_json(found) if json else scenario_table(found)
 
 
-@scenarios.command()
+@scenarios.command(epilog="Example: rollingroad scenarios check work.toml mine.xml")
 def check(files: Annotated[list[Path], typer.Argument(metavar="FILE...")], json: Json = False) -> int:
     """Tell what is wrong with scenario files (TOML) and car files (XML, TOML): one line each."""
     from rollingroad.cli.output import console, print_json

@@ -40,7 +40,7 @@ def run(
     return 0 if results["saving_percent"] is not None else 1
 
 
-@app.command()
+@app.command(epilog="Example: rollingroad drive hills --out runs/mine --set head_wind.speed=4")
 def drive(
     scenario: Annotated[str, typer.Argument(help="A shipped scenario's name or a TOML file.")],
     out: Annotated[Path, typer.Option("--out", help="Run folder to begin.")],
@@ -49,13 +49,17 @@ def drive(
     settings: Settings = None,
 ) -> None:
     """Drive a scenario once, without advice: begins a run folder with the truth."""
+    from rollingroad.cli.output import progress
     from rollingroad.stages import begin
     from rollingroad.task import make_task
 
-    begin(make_task(scenario, car=car, seed=seed, settings=settings or []), out)
+    task = make_task(scenario, car=car, seed=seed, settings=settings or [])
+    with progress() as tell:
+        tell("driving")
+        begin(task, out)
 
 
-@app.command()
+@app.command(epilog="Example: rollingroad sense runs/mine")
 def sense(run: RunFolder) -> None:
     """Write what the sensor box would have logged on the drive."""
     from rollingroad.stages import sense_run
@@ -63,38 +67,46 @@ def sense(run: RunFolder) -> None:
     sense_run(run)
 
 
-@app.command()
+@app.command(epilog="Example: rollingroad observe runs/mine")
 def observe(run: RunFolder) -> None:
     """Estimate the car's states from the log, the car file and the road map alone."""
+    from rollingroad.cli.output import progress
     from rollingroad.stages import observe_run
 
-    observe_run(run)
+    with progress() as tell:
+        tell("observing")
+        observe_run(run)
 
 
-@app.command("map")
+@app.command("map", epilog="Example: rollingroad map runs/mine runs/other --out runs/both")
 def map_(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Run folders of one car.")],
     out: Annotated[Path | None, typer.Option("--out", help="Where the map goes; the first run by default.")] = None,
     json: Json = False,
 ) -> None:
     """Map the engine from the trips of one or more runs."""
-    from rollingroad.cli.output import print_json
+    from rollingroad.cli.output import print_json, progress
     from rollingroad.cli.tables import map_table
     from rollingroad.stages import map_runs
 
-    found = map_runs(runs, out or runs[0])
+    with progress(quiet=json) as tell:
+        tell("mapping the engine")
+        found = map_runs(runs, out or runs[0])
     print_json(found) if json else map_table(found)
 
 
-@app.command()
+@app.command(epilog="Example: rollingroad plan runs/mine")
 def plan(run: RunFolder) -> None:
     """Plan the route on the map found, at the price of time that holds the drive's time."""
+    from rollingroad.cli.output import progress
     from rollingroad.stages import plan_run
 
-    plan_run(run)
+    with progress() as tell:
+        tell("planning")
+        plan_run(run)
 
 
-@app.command()
+@app.command(epilog="Example: rollingroad compare runs/mine --json")
 def compare(run: RunFolder, workers: Workers = None, json: Json = False) -> int:
     """Drive again with advice and compare fairly; completes the run folder."""
     from rollingroad.cli.output import print_json, progress

@@ -22,7 +22,7 @@ def diagnose(
     json: Json = False,
 ) -> None:
     """Where the gap lies, which unmodelled effect causes it, how far it shrinks once that effect is added."""
-    from rollingroad.cli.output import print_json
+    from rollingroad.cli.output import print_json, progress
     from rollingroad.cli.tables import diagnosis_table
     from rollingroad.folder import write_json
     from rollingroad.gap.diagnose import investigate
@@ -31,7 +31,10 @@ def diagnose(
     from rollingroad.workers import cores
 
     hidden = tuple(effect.strip() for effect in hide.split(",") if effect.strip())
-    found = investigate(car, logs, reference, road, hidden, workers=cores() if workers is None else max(workers, 1))
+    count = cores() if workers is None else max(workers, 1)
+    with progress(quiet=json) as tell:
+        tell("diagnosing")
+        found = investigate(car, logs, reference, road, hidden, workers=count)
     result = as_json(found)
     if out is not None:
         write_report(found, out)
@@ -45,7 +48,7 @@ Folder = Annotated[Path, typer.Argument(metavar="DIR", help="A set made by `chal
 Cluster = Annotated[str | None, typer.Option("--cluster", metavar="ADDRESS", help="An existing Dask scheduler.")]
 
 
-@challenge.command()
+@challenge.command(epilog="Example: rollingroad challenge make --cases 40 --seed 7 --out blind")
 def make(
     out: Annotated[Path, typer.Option("--out", help="New folder for the set.")],
     cases: Annotated[int, typer.Option("--cases", min=1)] = 200,
@@ -53,15 +56,17 @@ def make(
     workers: Workers = None,
 ) -> None:
     """Make a blind set: logs of drawn cars, some with an effect, and a key that only `score` opens."""
-    from rollingroad.cli.output import console
+    from rollingroad.cli.output import console, progress
     from rollingroad.gap.challenge.make import make as make_set
     from rollingroad.workers import cores
 
-    manifest = make_set(cases, seed, out, workers=cores() if workers is None else max(workers, 1))
+    with progress() as tell:
+        tell(f"making {cases} cases")
+        manifest = make_set(cases, seed, out, workers=cores() if workers is None else max(workers, 1))
     console().print(f"{cases} cases in {out}; the key's hash is {manifest['key_sha256']}", soft_wrap=True)
 
 
-@challenge.command("run")
+@challenge.command("run", epilog="Example: rollingroad challenge run blind --workers 2")
 def run_(
     folder: Folder,
     workers: Workers = None,
@@ -80,7 +85,7 @@ def run_(
     return 1 if failed else 0
 
 
-@challenge.command()
+@challenge.command(epilog="Example: rollingroad challenge score blind --json")
 def score(folder: Folder, json: Json = False) -> None:
     """Open the key and score the diagnoses; the page is DIR/scores.html."""
     from rollingroad.cli.output import print_json
@@ -93,16 +98,18 @@ def score(folder: Folder, json: Json = False) -> None:
     print_json(scores) if json else score_table(scores)
 
 
-@challenge.command()
+@challenge.command(epilog="Example: rollingroad challenge calibrate dev1 dev2 --out thresholds.json")
 def calibrate(
     folders: Annotated[list[Path], typer.Argument(metavar="DIR...", help="Development sets, run with --keep.")],
     out: Annotated[Path, typer.Option("--out", help="The file of thresholds.")] = Path("thresholds.json"),
 ) -> None:
     """Choose the thresholds of the diagnosis on development sets; sets that are scored may not be among them."""
-    from rollingroad.cli.output import console
+    from rollingroad.cli.output import console, progress
     from rollingroad.folder import write_json
     from rollingroad.gap.challenge.calibrate import calibrate as choose
 
-    chosen = choose(folders)
+    with progress() as tell:
+        tell("choosing the thresholds")
+        chosen = choose(folders)
     write_json(out, chosen)
     console().print(f"{chosen['cases']} cases, log score {chosen['log_score']}; thresholds in {out}", soft_wrap=True)

@@ -11,7 +11,7 @@ from rollingroad.cli.app import Json, Workers, app
 Cluster = Annotated[str | None, typer.Option("--cluster", metavar="ADDRESS", help="An existing Dask scheduler.")]
 
 
-@app.command()
+@app.command(epilog="Examples: rollingroad bench --json · rollingroad bench --long --history speed.jsonl")
 def bench(
     long: Annotated[bool, typer.Option("--long", help="Also fuzzing, growth exponents and the history.")] = False,
     history: Annotated[Path, typer.Option("--history", help="With --long: a line is added.")] = Path("bench.jsonl"),

@@ -74,6 +74,29 @@ def test_every_command_shown_is_understood(code):
             pytest.fail(f"{line}: {error.format_message()}")
 
 
+def commands():
+    """Every command with its words, groups opened."""
+    for module in pkgutil.iter_modules(rollingroad.cli.__path__):
+        importlib.import_module(f"rollingroad.cli.{module.name}")
+    for name, command in typer.main.get_command(app).commands.items():
+        for inner, part in getattr(command, "commands", {"": command}).items():
+            yield pytest.param(part, [name, inner] if inner else [name], id=f"{name} {inner}".strip())
+
+
+@pytest.mark.parametrize(("command", "words"), list(commands()))
+def test_every_command_s_help_ends_with_examples_that_it_understands(command, words):
+    assert command.epilog, "an example is missing"
+    kind, examples = command.epilog.split(": ", 1)
+    assert kind in ("Example", "Examples")
+    for example in examples.split(" · "):
+        said = shlex.split(example)
+        assert said[: 1 + len(words)] == ["rollingroad", *words]
+        try:
+            command.make_context(words[-1], said[1 + len(words) :])
+        except click.exceptions.ClickException as error:
+            pytest.fail(f"{example}: {error.format_message()}")
+
+
 def test_every_page_is_in_the_site_and_every_link_leads_somewhere():
     listed = set(re.findall(r":\s+([\w/]+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.M))
     assert listed == {str(page.relative_to(ROOT / "docs")) for page in PAGES if "docs" in page.parts}
