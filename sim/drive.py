@@ -197,7 +197,7 @@ def _ego_type(style: Style) -> str:
     return (
         f'<vType id="ego" length="2.5" minGap="2.0" maxSpeed="60" speedFactor="1.0" speedDev="0" '
         f'carFollowModel="{style.model}" accel="{style.acceleration:g}" decel="{style.deceleration:g}" '
-        f'emergencyDecel="8" tau="{style.headway:g}" {noiseless}/>'
+        f'emergencyDecel="8" tau="{style.headway:g}" timeToTeleport="-1" {noiseless}/>'
     )
 
 

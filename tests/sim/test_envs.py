@@ -45,6 +45,17 @@ def test_same_seed_same_episode_and_fuel_is_counted() -> None:
     assert time == pytest.approx(32.0, abs=0.2)
 
 
+def test_an_agent_that_never_moves_is_waited_for_and_not_lifted_out_of_the_way() -> None:
+    """SUMO teleports who blocks the road for two minutes; a car that must obey the plant cannot be."""
+    env = gymnasium.make("rollingroad/EcoDrive-v0", scenario="town", period=10.0)
+    env.reset(seed=5)
+    for _ in range(15):
+        _, reward, arrived, late, info = env.step(np.array([-1.0], np.float32))
+    env.close()
+    assert info["time_s"] > 150.0 and info["distance_m"] < 1.0
+    assert not arrived and not late and reward < 0.0
+
+
 def test_highway_car_is_the_plant() -> None:
     """Full throttle from 25 m/s: highway-env's own car would do 5 m/s2, ours what its engine gives."""
     env = gymnasium.make("rollingroad/HighwayEco-v0", config={"vehicles_count": 0, "duration": 20})
