@@ -129,8 +129,9 @@ def read_can_log(path: Path, dbc: str | Path = "") -> SensorLog:
                     rows["engine_speed"].append((t, float(found["EngineSpeedFine"]) / RPM))
                 if "FuelConsumption" in found:
                     rows["fuel"].append((t, float(found["FuelConsumption"]) * per_litre_hour))
-    except (OSError, ValueError, can.CanError) as error:
-        raise BadInput(path, "", f"a log of CAN frames that python-can reads ({str(error).splitlines()[0]})") from error
+    except Exception as error:  # python-can's readers let through whatever their parsers raise
+        said = (str(error).splitlines() or [type(error).__name__])[0]
+        raise BadInput(path, "", f"a log of CAN frames that python-can reads ({said})") from error
     if not any(rows.values()):
         raise BadInput(path, "", "at least one frame that the database knows")
     streams = {name: np.empty(0, dtype=dtype) for name, dtype in STREAMS.items()}

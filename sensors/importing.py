@@ -52,7 +52,10 @@ def import_logs(files: Sequence[Path], layout: str | Path | Layout, out: Path) -
         names[name] = path
     for name, path in names.items():
         imported = read_foreign(path, chosen)
-        out.mkdir(parents=True, exist_ok=True)
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise BadInput(out, "", f"a folder to write to ({error.strerror or error})") from error
         target = out / f"{name}.parquet"
         write_parquet(imported.log, target)
         results.append((target, imported.notes))
@@ -130,7 +133,8 @@ class _Csv:
                 pacsv.ConvertOptions(column_types=dict.fromkeys(self.titles, pa.string()), strings_can_be_null=False),
             )
         except pa.ArrowInvalid as error:
-            raise BadInput(path, "", f"a regular CSV file with {len(self.titles)} columns ({error})") from error
+            said = "".join(part if part.isprintable() else "?" for part in str(error).splitlines()[0][:120])
+            raise BadInput(path, "", f"a regular CSV file with {len(self.titles)} columns ({said})") from error
         if self.table.num_rows == 0:
             raise BadInput(path, f"line {self.first_line}", "at least one row of data")
 
@@ -147,6 +151,10 @@ class _Csv:
                 self._refuse(cells, int(np.argmax(pointed)), source, "a decimal comma, as the layout says")
             plain = np.char.replace(cells, ",", ".")
         plain = np.where(plain == "", "nan", plain)
+        # Python reads 1_000 as a number; a log does not mean one.
+        spaced = np.char.find(plain, "_") >= 0
+        if spaced.any():
+            self._refuse(cells, int(np.argmax(spaced)), source, "a number")
         try:
             return plain.astype(np.float64)
         except ValueError:

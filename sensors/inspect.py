@@ -19,6 +19,8 @@ BLOCK_SECONDS = 2.0
 LAGS = np.arange(-0.6, 3.0, 0.02)
 """s: the receiver lags that are tried."""
 GRAVITY = 9.80665
+LONGEST = 86_400.0
+"""s of a log that are looked at for the accelerometer's offset: stamps at random span weeks."""
 
 
 def inspect(log: SensorLog, car: Car | None = None) -> dict[str, Any]:
@@ -182,7 +184,12 @@ def accelerometer_offset(
     good = np.isfinite(speed)
     t_speed, speed = t_speed[good], speed[good]
     # Whole seconds: the mean force against the change of speed over each.
-    edges = np.arange(max(t[0], t_speed[0]), min(t[-1], t_speed[-1]), 1.0)
+    # Stamps may go back or stand still in a damaged log.
+    raw, t = raw[np.argsort(t, kind="stable")], np.sort(t)
+    order = np.argsort(t_speed, kind="stable")
+    t_speed, speed = t_speed[order], speed[order]
+    begin, end = (max(t[0], t_speed[0]), min(t[-1], t_speed[-1])) if t_speed.size else (0.0, 0.0)
+    edges = np.arange(begin, min(end, begin + LONGEST), 1.0)
     if edges.size < 10:
         return {"offset_mps2": None, "scatter_mps2": _scatter(raw)}
     place = np.searchsorted(t, edges)
@@ -225,8 +232,8 @@ def _slope_doubt(log: SensorLog, speed: NDArray[np.float64], t: NDArray[np.float
 def _clock(log: SensorLog) -> dict[str, Any] | None:
     """The logger's rate against GPS time: from skew packets, else from the earliest arrivals of the fixes' epochs."""
     skew = log["skew"]
-    if len(skew) >= 5:
-        span = float(skew["t"][-1] - skew["t"][0])
+    span = float(skew["t"][-1] - skew["t"][0]) if len(skew) else 0.0
+    if len(skew) >= 5 and span > 0.0:
         rate = float(skew["gained"][1:].sum() / span)
         doubt = 1e-3 * np.sqrt(2.0 / 12.0) / span
         source = "skew packets"
@@ -239,6 +246,8 @@ def _clock(log: SensorLog) -> dict[str, Any] | None:
         delay = t - utc - (t[0] - utc[0])
         parts = np.array_split(np.arange(t.size), 8)
         lowest = np.array([part[np.argmin(delay[part])] for part in parts])
+        if np.ptp(utc[lowest]) < 1.0:
+            return None
         (rate, _), cov = np.polyfit(utc[lowest] - utc[lowest].mean(), delay[lowest], 1, cov=True)
         rate, doubt, source = float(rate), float(np.sqrt(cov[0, 0])), "arrival of fixes"
     figure = {"value": rate, "sd": float(doubt), "ci95": [rate - 1.96 * doubt, rate + 1.96 * doubt]}

@@ -59,23 +59,36 @@ def read_parquet(path: Path) -> SensorLog:
         table = pq.read_table(path)
     except (OSError, pa.ArrowException) as error:
         raise BadInput(path, "", f"a SensorLog in Parquet form ({str(error).splitlines()[0][:80]})") from error
-    meta = {key.decode(): value.decode() for key, value in (table.schema.metadata or {}).items()}
+    meta = {key.decode(errors="replace"): value.decode(errors="replace")
+            for key, value in (table.schema.metadata or {}).items()}  # fmt: skip
     if meta.get("rollingroad") != "SensorLog" or "stream" not in table.column_names:
         raise BadInput(path, "metadata", "a SensorLog in Parquet form, as `rollingroad import` writes it")
     stream = np.array(table["stream"].to_pylist(), dtype=object) if table.num_rows else np.empty(0, object)
-    streams = {}
+    unknown = {str(name) for name in set(stream.tolist())} - set(STREAMS)
+    if unknown:
+        raise BadInput(path, "column stream", f"one of {', '.join(STREAMS)}, not {sorted(unknown)[0]!r}")
     columns = {name: table[name].combine_chunks() for name in table.column_names if name != "stream"}
-    for name, dtype in STREAMS.items():
-        chosen = np.flatnonzero(stream == name)
-        rows = np.empty(chosen.size, dtype=dtype)
-        for column in dtype.names or ():
-            if chosen.size == 0:
-                continue
-            if column not in columns:
-                raise BadInput(path, f"column {column}", f"a column that stream {name} needs")
+    streams = {name: _rows(path, columns, name, np.flatnonzero(stream == name)) for name in STREAMS}
+    try:
+        damage = {str(kind): int(count) for kind, count in json.loads(meta.get("damage", "{}")).items()}
+    except (ValueError, TypeError, AttributeError) as error:
+        raise BadInput(path, "metadata damage", "counts by kind, as a JSON object") from error
+    return SensorLog(streams, damage, meta.get("name", path.name))
+
+
+def _rows(path: Path, columns: dict[str, pa.Array], name: str, chosen: np.ndarray) -> np.ndarray:
+    """The rows `chosen` of the table as stream `name`. Raises BadInput for a missing column or one without numbers."""
+    rows = np.empty(chosen.size, dtype=STREAMS[name])
+    for column in rows.dtype.names or () if chosen.size else ():
+        if column not in columns:
+            raise BadInput(path, f"column {column}", f"a column that stream {name} needs")
+        try:
             rows[column] = columns[column].take(pa.array(chosen)).to_numpy(zero_copy_only=False)
-        streams[name] = rows
-    return SensorLog(streams, json.loads(meta.get("damage", "{}")), meta.get("name", path.name))
+        except (ValueError, TypeError) as error:
+            raise BadInput(path, f"column {column}", f"numbers in each row of stream {name}") from error
+    if chosen.size and not np.isfinite(rows["t"]).all():
+        raise BadInput(path, "column t", f"a time in each row of stream {name}")
+    return rows
 
 
 def read_any(path: Path) -> SensorLog:

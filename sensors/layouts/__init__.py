@@ -49,8 +49,15 @@ def allowed_units(stream: str, column: str) -> tuple[str, ...]:
     return ()
 
 
+def needed(stream: str) -> list[str]:
+    """Columns without which a stream says nothing."""
+    if stream.startswith("gps"):
+        return []
+    return [name for name in STREAMS[stream].names or () if name not in ("order", "t", "saturated")]
+
+
 class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class Column(_Strict):
@@ -147,6 +154,8 @@ def _check_columns(source: str, layout: Layout) -> None:
         place = f"stream.{number} ({part.stream})"
         if part.time_unit not in UNITS or UNITS[part.time_unit][0] != "s":
             raise BadInput(source, f"{place}.time_unit", f"a unit of time, not {part.time_unit!r}")
+        if not part.time or any(not where.source for where in part.columns.values()):
+            raise BadInput(source, place, "a name or more for the time and for each column")
         for column, where in part.columns.items():
             allowed = allowed_units(part.stream, column)
             if not allowed:
@@ -155,3 +164,8 @@ def _check_columns(source: str, layout: Layout) -> None:
             if UNITS[where.unit][0] not in allowed:
                 expected = f"a unit of {' or '.join(allowed)}, not {where.unit!r}"
                 raise BadInput(source, f"{place}.columns.{column}.unit", expected)
+        if part.stream.startswith("gps") and not part.columns:
+            raise BadInput(source, f"{place}.columns", "at least one column")
+        missing = [name for name in needed(part.stream) if name not in part.columns]
+        if layout.format in ("csv", "numpy") and missing:
+            raise BadInput(source, f"{place}.columns.{missing[0]}", "where the column comes from: the stream needs it")

@@ -1,9 +1,14 @@
 """Logs that others recorded: layouts, what is refused, what is told, and what inspection finds in them."""
 
+import json
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from trips import drive, smart
 
 from sensors.box import BoxSettings, record
@@ -199,3 +204,62 @@ def test_inspection_says_what_it_cannot_find():
     found = inspect(log)
     assert found["streams"] == {}
     assert found["accelerometer"] is None
+
+
+@pytest.mark.parametrize(
+    ("columns", "place"),
+    [
+        ({"order": ["a", "b"]}, "column order"),
+        ({"t": [None, 2.0]}, "column t"),
+        ({"t": [[1.0], [2.0]]}, "column t"),
+        ({"stream": ["speed", "velocity"]}, "column stream"),
+    ],
+)
+def test_a_parquet_file_with_other_columns_is_told(tmp_path, columns, place):
+    good = {"stream": ["speed", "speed"], "order": [0, 1], "t": [1.0, 2.0], "speed": [1.0, 2.0]}
+    path = tmp_path / "x.parquet"
+    pq.write_table(pa.table(good | columns).replace_schema_metadata({"rollingroad": "SensorLog"}), path)
+    with pytest.raises(BadInput, match=place):
+        read_parquet(path)
+
+
+@pytest.mark.parametrize("damage", ["{bad", "[1, 2]", '{"bad_check": "many"}'])
+def test_a_parquet_file_with_damaged_metadata_is_told(tmp_path, damage):
+    table = pa.table({"stream": ["speed"], "order": [0], "t": [1.0], "speed": [1.0]})
+    path = tmp_path / "x.parquet"
+    pq.write_table(table.replace_schema_metadata({"rollingroad": "SensorLog", "damage": damage}), path)
+    with pytest.raises(BadInput, match="metadata"):
+        read_parquet(path)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '[[stream]]\nstream = "speed"\ntime = "time"\n',
+        '[[stream]]\nstream = "speed"\ntime = []\n[stream.columns]\nspeed = { source = "v", unit = "m/s" }\n',
+        '[[stream]]\nstream = "speed"\ntime = "t"\nlag = nan\ncolumns.speed = { source = "v", unit = "m/s" }\n',
+    ],
+)
+def test_a_layout_that_says_too_little_is_refused(tmp_path, text):
+    """Without its column a stream would be read as zeros."""
+    path = tmp_path / "layout.toml"
+    path.write_text(f'name = "x"\nformat = "csv"\n{text}')
+    with pytest.raises(BadInput, match="stream"):
+        load(path)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(
+        st.tuples(st.sampled_from([1, 3, 4, 5]), st.integers(0, 2**32 - 1), st.binary(min_size=6, max_size=6)),
+        min_size=100,
+        max_size=300,
+    )
+)
+def test_inspection_survives_stamps_and_values_of_any_kind(rows):
+    size = {1: 10, 3: 5, 4: 6, 5: 5}
+    card = b""
+    for kind, ms, rest in rows:
+        body = (ms.to_bytes(4, "little") + rest)[: size[kind]]
+        card += bytes([255, kind, len(body) + 1]) + body + bytes([(len(body) + 1 + sum(body)) % 256])
+    json.dumps(inspect(decode(card)), allow_nan=False)
