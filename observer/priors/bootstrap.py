@@ -50,7 +50,7 @@ class Bootstrap:
             weights /= weights.sum(axis=1, keepdims=True)
             out[k] = np.einsum("rp,rpi->ri", weights, cloud)
             flat = cloud.reshape(-1, d)
-            cloud = flat[_resampled(weights, rng)].reshape(runs, self.particles, d)
+            cloud = flat[systematic(weights, rng)].reshape(runs, self.particles, d)
         return out
 
     def _first(self, start: Array, noise: Array, rng: np.random.Generator) -> Array:
@@ -93,7 +93,7 @@ class Bootstrap:
         return moved
 
 
-def _resampled(weights: Array, rng: np.random.Generator) -> NDArray[np.intp]:
+def systematic(weights: Array, rng: np.random.Generator) -> NDArray[np.intp]:
     """Places (runs * particles,) in the flattened cloud: systematic resampling (3.26 with one draw per run).
 
     The printed independent draws give the same expectation with more variance.
