@@ -185,10 +185,15 @@ def _quad_tree(codes: list[int], data_at: list[int]) -> bytes:
 
 
 def find(tree: bytes, kind: str, key: int) -> int | None:
-    """Search a binary tree file (`nodes` or `ways`) for `key`; return the offset in the data file, or None."""
+    """Search a binary tree file (`nodes` or `ways`) for `key`; return the offset in the data file, or None.
+
+    A damaged tree that leads back to itself ends after as many steps as it has entries.
+    """
     entry = BINARY_ENTRY[kind]
     at = 0
-    while len(tree) >= at + entry.size:
+    for _ in range(len(tree) // entry.size):
+        if len(tree) < at + entry.size:
+            break
         here, left, right, data = entry.unpack_from(tree, at)
         if here == key:
             return data
@@ -199,17 +204,25 @@ def find(tree: bytes, kind: str, key: int) -> int | None:
 
 
 def ways_at(directory: Path, latitude: float, longitude: float) -> NDArray[np.int64]:
-    """Return the ids of the ways that cross the zoom-16 tile of a place (deg), by walking the quad search tree."""
+    """Return the ids of the ways that cross the zoom-16 tile of a place (deg), by walking the quad search tree.
+
+    Raises BadInput where a file is missing or points beyond its end.
+    """
     code = int(quad_code(np.array([latitude]), np.array([longitude]))[0])
-    tree, tiles = (directory / "tiles.idx").read_bytes(), (directory / "tiles.dat").read_bytes()
-    at = 0
-    for level in range(1, ZOOM + 1):
-        at = QUAD_ENTRY.unpack_from(tree, at)[1 + ((code >> (64 - 2 * level)) & 3)]
-        if at == 0:
-            return np.empty(0, dtype=np.int64)
-    data = QUAD_ENTRY.unpack_from(tree, at)[5]
-    _, _, count = struct.unpack_from("<QBH", tiles, data)
-    return np.frombuffer(tiles, dtype="<u4", count=count, offset=data + 11).astype(np.int64)
+    try:
+        tree, tiles = (directory / "tiles.idx").read_bytes(), (directory / "tiles.dat").read_bytes()
+        at = 0
+        for level in range(1, ZOOM + 1):
+            at = QUAD_ENTRY.unpack_from(tree, at)[1 + ((code >> (64 - 2 * level)) & 3)]
+            if at == 0:
+                return np.empty(0, dtype=np.int64)
+        data = QUAD_ENTRY.unpack_from(tree, at)[5]
+        _, _, count = struct.unpack_from("<QBH", tiles, data)
+        return np.frombuffer(tiles, dtype="<u4", count=count, offset=data + 11).astype(np.int64)
+    except OSError as error:
+        raise BadInput(directory, "tiles.idx, tiles.dat", f"quad-tile files ({error.strerror or error})") from error
+    except (struct.error, ValueError, OverflowError) as error:
+        raise BadInput(directory, "tiles.idx", "a tree whose pointers stay inside the files") from error
 
 
 def read(directory: Path) -> Database:

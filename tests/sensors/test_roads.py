@@ -265,3 +265,13 @@ def test_a_real_city_reads_and_comes_back(tmp_path):
     back = RoadMap.read(tmp_path)
     assert back.ways == road.ways
     assert back.roads.start.size == road.roads.start.size
+
+
+def test_damaged_trees_neither_hang_nor_crash(tmp_path):
+    """A tree that leads back to itself, and one that points beyond its file."""
+    loop = quadtile.BINARY_ENTRY["ways"].pack(5, 20, 20, 7) + quadtile.BINARY_ENTRY["ways"].pack(5, 20, 20, 7)
+    assert quadtile.find(loop, "ways", 9) is None
+    for name, content in (("tiles.idx", quadtile.QUAD_ENTRY.pack(0, *[2**31] * 4, 0)), ("tiles.dat", b"")):
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(BadInput, match="pointers"):
+        quadtile.ways_at(tmp_path, 49.6, 6.1)
