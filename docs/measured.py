@@ -45,7 +45,7 @@ tolerance): one run each, seed 0, car `smart` unless the name says otherwise, th
 - *Efficiency*: rms error of the momentary efficiency, live, in points.
 - *NIS*: mean normalised innovation squared per degree of freedom; 1 is right, less is cautious.
 - *Map*: rms error over valid cells, in points, and the share of the fuel burnt that these cells hold. *Fit*: the
-  planner's smooth form over the same cells.
+  closest form over the same cells (the planner gets a smoother one).
 
 ## The scenarios that ship
 
