@@ -21,7 +21,7 @@ class System:
     """dx = f(x) dt + noise of density `noise`; n states."""
 
     dynamics: Callable[[Array], Array]
-    """f: (n,) to (n,)."""
+    """f: (n,) to (n,), and column by column (n, k) to (n, k)."""
     jacobian: Callable[[Array], Array]
     """A_c = df/dx: (n,) to (n, n)."""
     noise: Array
@@ -35,7 +35,7 @@ class Reading:
     value: Array
     """y, (m,)."""
     expected: Callable[[Array], Array]
-    """h: (n,) to (m,)."""
+    """h: (n,) to (m,), and column by column (n, k) to (m, k)."""
     jacobian: Callable[[Array], Array]
     """H_c: (n,) to (m, n)."""
     noise: Array
@@ -54,15 +54,29 @@ class Reading:
 
 def car_system(car: Car, noise: Array) -> System:
     """The 17-state model with noise densities `noise` (17,), units of the states squared per second."""
-    return System(lambda x: np.array(model.dynamics(x, car)), lambda x: model.dynamics_jacobian(x, car), np.diag(noise))
+
+    def dynamics(x: Array) -> Array:
+        if x.ndim == 1:
+            return np.array(model.dynamics(x, car))
+        return np.array(np.broadcast_arrays(*model.dynamics(x, car, np)))  # type: ignore[arg-type]
+
+    return System(dynamics, lambda x: model.dynamics_jacobian(x, car), np.diag(noise))
 
 
-def car_reading(car: Car, kinds: Sequence[int], value: Array, variance: Array, aux: float = 0.0) -> Reading:
-    """Measurements `kinds` (codes of `observer.model`) with `value` (m,) and `variance` (m,), SI."""
+def car_reading(car: Car, kinds: Sequence[int], value: Array, variance: Array, aux: float | Array = 0.0) -> Reading:
+    """Measurements `kinds` (codes of `observer.model`) with `value` (m,) and `variance` (m,), SI; `aux` one or (m,)."""
+    pairs = tuple(zip(kinds, np.broadcast_to(aux, len(kinds)).tolist(), strict=True))
+
+    def expected(x: Array) -> Array:
+        if x.ndim == 1:
+            return np.array([model.measurement(kind, x, car, each) for kind, each in pairs])
+        told = [model.measurement(kind, x, car, each, np) for kind, each in pairs]  # type: ignore[arg-type]
+        return np.array(told).reshape(len(pairs), -1)
+
     return Reading(
         np.asarray(value, dtype=np.float64),
-        lambda x: np.array([model.measurement(kind, x, car, aux) for kind in kinds]),
-        lambda x: np.array([model.measurement_jacobian(kind, x, car, aux) for kind in kinds]),
+        expected,
+        lambda x: np.array([model.measurement_jacobian(kind, x, car, each) for kind, each in pairs]).reshape(-1, 17),
         np.diag(variance),
         tuple(kind in model.HEADINGS for kind in kinds),
     )

@@ -46,7 +46,7 @@ def sigma_points(x: Array, S: NDArray[np.floating], spread: Spread) -> Array:
 def predict(system: System, x: Array, P: Array, dt: float, spread: Spread) -> tuple[Array, Array]:
     """A.19 over `dt` (s): every point by Runge-Kutta, Q_d = Q_c dt."""
     wm, wc = spread.weights(len(x))
-    points = np.array([runge_kutta(system.dynamics, p, dt) for p in sigma_points(x, np.linalg.cholesky(P), spread)])
+    points = runge_kutta(system.dynamics, sigma_points(x, np.linalg.cholesky(P), spread).T, dt).T
     mean = wm @ points
     d = points - mean
     return mean, d.T @ (wc[:, None] * d) + system.noise * dt
@@ -56,7 +56,7 @@ def correct(x: Array, P: Array, reading: Reading, spread: Spread) -> tuple[Array
     """A.20. Angles must not spread over the turn."""
     wm, wc = spread.weights(len(x))
     points = sigma_points(x, np.linalg.cholesky(P), spread)
-    told = np.array([reading.expected(p) for p in points])
+    told = reading.expected(points.T).T
     mean = wm @ told
     d, e = points - x, told - mean
     s = e.T @ (wc[:, None] * e) + reading.noise
@@ -83,7 +83,7 @@ def predict_square_root(
     def rate(y: Array) -> Array:
         factor = y[:, 1:]
         points = sigma_points(y[:, 0], factor, spread)
-        slopes = np.array([system.dynamics(p) for p in points])
+        slopes = system.dynamics(points.T).T
         mean = wm @ slopes
         cross = (points - y[:, 0]).T @ (wc[:, None] * (slopes - mean))
         inner = solve_triangular(factor, cross + cross.T + system.noise, lower=True)
@@ -119,7 +119,7 @@ def correct_square_root(x: Array, S: Array, reading: Reading, spread: Spread) ->
     """A.32: the innovation's factor by QR and one rank-one update, the new S by rank-one downdates."""
     wm, wc = spread.weights(len(x))
     points = sigma_points(x, S, spread)
-    told = np.array([reading.expected(p) for p in points])
+    told = reading.expected(points.T).T
     mean = wm @ told
     e = told - mean
     factor = lower_factor(np.hstack([np.sqrt(wc[1]) * e[1:].T, np.linalg.cholesky(reading.noise)]))
