@@ -123,6 +123,6 @@ def replay_server(folder: Path, *, pace: float = 1.0, port: int = 0) -> Threadin
     """The display of the advised drive in the run `folder`. Raises BadInput where drive or advice is missing."""
     path = folder / "advised" / "truth.parquet"
     if not path.is_file():
-        raise BadInput(folder, "advised/truth.parquet", "a run folder with an advised drive")
+        raise BadInput(folder, "advised/truth.parquet", "expected a run folder with an advised drive")
     shown = frames(Trip.read(path), read_advice(folder / "advice.parquet"))
     return display_server(lambda: replay(shown, pace), port)

@@ -62,7 +62,7 @@ def view(folder: Path, over: str = "time") -> int:
     """
     path = folder / "run.rrd"
     if not path.is_file():
-        raise BadInput(folder, "run.rrd", "a run folder that holds a recording")
+        raise BadInput(folder, "run.rrd", "expected a run folder that holds a recording")
     with tempfile.TemporaryDirectory(prefix="rollingroad-") as scratch:
         layout = Path(scratch) / "layout.rbl"
         blueprint(over).save("rollingroad", str(layout))
