@@ -32,7 +32,8 @@ def main() -> None:
             save(draw(chart), path)
             with Image.open(path) as picture:
                 # a palette takes a third of the bytes, and a line drawing loses nothing by it
-                picture.convert("RGB").resize((800, 800 * picture.height // picture.width)).quantize(256, kmeans=2).save(path, optimize=True)
+                small = picture.convert("RGB").resize((800, 800 * picture.height // picture.width))
+                small.quantize(256, kmeans=2).save(path, optimize=True)
             lines += ["", f"### {chart.title}", "", f"![{chart.title}](gallery/{chart.key}.png)", "", chart.caption]
     aside = HERE / "gallery.md.part"
     aside.write_text("\n".join(lines) + "\n", encoding="utf-8")
