@@ -23,7 +23,7 @@ from rollingroad.gap.result import as_json
 from rollingroad.gap.road import Road
 from rollingroad.gap.shrinkage import Shrinkage, leading, shrink
 from rollingroad.gap.thresholds import load as load_thresholds
-from rollingroad.gap.where import Place, locate
+from rollingroad.gap.where import EARLY, Place, locate
 from sensors.log import SensorLog
 from vehicle_model.car.errors import BadInput
 from vehicle_model.car.files import read_car
@@ -163,6 +163,11 @@ def weigh(
         if not reference or both.calibration != layout.calibration or both.tolerance != layout.tolerance:
             calibration = evidence.calibrate(reference, both, library, coarse=coarse)
         layout = both
+        if not reference:
+            calibration, told = _without_reference(trips, layout, library, hide, thresholds, coarse)
+            notes += told
+            if told:
+                thresholds = replace(thresholds, floor={**thresholds.floor, **_foreign_floor(library)})
         trips, whitened = evidence.doubted(trips, layout, calibration, coarse=coarse)
         gram = sum((w.gram for w in whitened), np.zeros_like(whitened[0].gram))
         reduced = evidence.reduce(gram, layout, calibration)
@@ -173,7 +178,10 @@ def weigh(
             reduced = evidence.reduce(gram, layout, calibration)
             posterior = evidence.posterior(reduced, library, layout, hide, thresholds)
         where = locate(trips, whitened, layout, calibration, posterior, library, reduced)
-        shrinkage = shrink(trips, whitened, reference, layout, calibration, posterior, library, hide)
+        early = EARLY if where and where[0].regime == "first_600_s" else None
+        shrinkage = shrink(
+            trips, whitened, reference, layout, calibration, posterior, library, hide, until=early, coarse=coarse
+        )
         waste = regret(trips, whitened, layout, calibration, library, posterior, leading(posterior), car)
         dumb = unseen(trips, reduced, library, coarse)
         delay = _delay(trips, whitened, layout, calibration, library, hide, thresholds)
@@ -182,6 +190,40 @@ def weigh(
         car, tuple(reference), tuple(trips), library, layout, calibration, reduced, posterior, tuple(where), shrinkage,
         tuple(dumb), tuple(notes), coarse, tuple(hide), delay, control, advice_regret=waste,
     )  # fmt: skip
+
+
+def _foreign_floor(library: Library) -> dict[str, float]:
+    """Floors of the effects that a foreign engine and gearbox look like for ever."""
+    return {
+        f"{v.effect}.{c.parameter.split('~')[0]}": ALWAYS * c.sd
+        for v in library.variants if v.effect in LIKE_ANOTHER_CAR for c in v.columns
+    }  # fmt: skip
+
+
+def _without_reference(
+    trips: Sequence[Trip], layout: evidence.Layout, library: Library, hide: Sequence[str],
+    thresholds: evidence.Thresholds, coarse: bool,
+) -> tuple[Calibration, list[str]]:  # fmt: skip
+    """How far these trips' engine is from the simulator's own: the freedom of the correction under which trips and best
+    cause together are likeliest. A foreign map is thereby never taken for an effect."""
+    best: tuple[float, Calibration, float] | None = None
+    for freedom in evidence.FREEDOM:
+        calibration = evidence.calibrate([], layout, library, coarse=coarse, freedom=freedom)
+        _, whitened = evidence.doubted(trips, layout, calibration, coarse=coarse)
+        gram = sum((w.gram for w in whitened), np.zeros_like(whitened[0].gram))
+        reduced = evidence.reduce(gram, layout, calibration)
+        h = evidence.hypotheses(reduced, library, layout, hide, thresholds, pairs=False)
+        gain = max([0.0, *h.singles.values()])
+        likely = evidence.log_evidence(gram, layout, calibration) + gain
+        if best is None or likely > best[0]:
+            best = (likely, calibration, freedom)
+    assert best is not None
+    if best[2] == evidence.FREEDOM[0]:
+        return best[1], []
+    return best[1], [
+        "no reference trips, and the engine's map is not the simulator's: what these trips show of fuel is taken for "
+        "the map first; reference trips of the same car would tell the two apart"
+    ]
 
 
 def _delay(trips, whitened, layout, calibration, library, hide, thresholds) -> float | None:
@@ -233,6 +275,14 @@ def _controls(trips, whitened, layout, calibration, library, posterior) -> dict[
     return out
 
 
+LIKE_ANOTHER_CAR = frozenset({
+    "rolling_resistance", "brake_drag", "accessory_load", "idle_fuel", "fuel_energy", "injector_fouling",
+    "injector_dead_time", "enrichment", "map_drift", "fuel_cutoff", "cornering_drag", "driveline_loss", "clutch_slip",
+    "shift_loss",
+})  # fmt: skip
+"""Effects that are functions of the present state alone: without references another engine looks the same."""
+ALWAYS = 0.5
+"""Prior deviations of such an effect that another car may have for ever."""
 REFITS = 2
 """Re-simulations of the leading hypotheses."""
 SHORTEST = 45.0

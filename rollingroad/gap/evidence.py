@@ -259,25 +259,25 @@ def doubted(
     return out, again
 
 
-NO_REFERENCE = 0.12
-"""Without reference trips the simulator's own map is what is compared: the correction keeps this share of its
-freedom."""
+FREEDOM = (0.12, 0.4, 1.0, 2.5)
+"""Without reference trips: shares of the correction's freedom that are tried. The least takes the simulator's own map
+for the car's; the most lets these very trips draw the map, and then little of the fuel is left to be explained."""
 KEPT = ("bias_x", "gnss.lag", "gnss.scale", "launch_speed.offset", "shift_time.offset", "squat")
 """Calibration columns of the box and of the driver's habits, which are free without references too."""
 
 
-def calibrate(reference: Sequence[Trip], layout: Layout, library: Library, *, coarse: bool = False) -> Calibration:
+def calibrate(
+    reference: Sequence[Trip], layout: Layout, library: Library, *, coarse: bool = False, freedom: float = FREEDOM[0]
+) -> Calibration:
     """Fit the correction to the reference trips, and the noise to what each leaves when the others predict it.
 
     `coarse`: logs of speed and fuel alone. One such trip is no measure of another's map (a town cycle says nothing of
     full load), so there the noise is what the references leave of themselves, and never less than the declared
-    repeatability.
+    repeatability. `freedom` of the correction where there is no reference.
     """
     noise = default_noise()
     if not reference:
-        free = np.array(
-            [1.0 if name in KEPT or name.startswith("launch") else NO_REFERENCE for name in layout.calibration]
-        )
+        free = np.array([1.0 if name in KEPT or name.startswith("launch") else freedom for name in layout.calibration])
         sd = layout.calibration_sd * free
         return Calibration(np.diag(sd**-2.0), np.zeros(len(sd)), noise, 1.3, 0)
     for _ in range(2):
@@ -318,6 +318,19 @@ def _rescaled(
         counts = np.maximum(counts - 25.0 * counts / max(counts.sum(), 1.0), 0.3 * counts)
     scale = np.sqrt((squares + weight) / (counts + weight))
     return Noise(noise.scale * np.clip(scale, 0.4, 4.0), noise.correlated, noise.time)
+
+
+def log_evidence(gram: Array, layout: Layout, calibration: Calibration) -> float:
+    """Log probability of the diagnosed trips under "none" and this calibration, up to a constant (no references)."""
+    n, c = layout.nuisance, len(layout.calibration)
+    prior = np.zeros((n, n))
+    prior[:c, :c] = calibration.information
+    prior[c:, c:] = np.diag(layout.tolerance_sd**-2.0)
+    b = gram[:n, -1]
+    both = gram[:n, :n] + prior
+    fitted = 0.5 * float(b @ np.linalg.solve(both, b))
+    occam = 0.5 * float(np.linalg.slogdet(both)[1] - np.linalg.slogdet(prior)[1])
+    return (fitted - occam) / calibration.dispersion
 
 
 @dataclass(frozen=True)

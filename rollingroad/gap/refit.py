@@ -61,7 +61,7 @@ def refit(
     vector = vector_of(car)
     out_trips, out_whitened = [], []
     for trip, w in zip(trips, whitened, strict=True):
-        context = _context(trip, car, vector, correction)
+        context = context_of(trip, car, vector, correction)
         effects, rows = trip.effects.copy(), w.rows.copy()
         for key, (variant, value) in chosen.items():
             place = places[key]
@@ -78,7 +78,8 @@ def refit(
     return out_trips, out_whitened
 
 
-def _context(trip: Trip, car: Car, vector: Array, correction: dict[str, float] | None) -> Context:
+def context_of(trip: Trip, car: Car, vector: Array, correction: dict[str, float] | None) -> Context:
+    """The calibrated simulator along `trip`, for signatures to be run in."""
     p = trip.p
     burnt = block_means(p, "fuel_power", replay_vector(vector, p.samples.motion).fuel)
     if correction:

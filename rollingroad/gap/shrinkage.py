@@ -59,21 +59,25 @@ class _Case:
     window: NDArray[np.int64]
     weight: Array
     scale: float
+    repeatability: float
+    """What a block's mean varies by from trip to trip, as the references show it; normalised."""
 
 
 def shrink(
     trips: Sequence[Trip], whitened: Sequence[Whitened], reference: Sequence[Trip], layout: Layout, calibration:
     Calibration,
-    posterior: Posterior, library: Library, hidden: Sequence[str],
+    posterior: Posterior, library: Library, hidden: Sequence[str], *, until: float | None = None, coarse: bool = False,
 ) -> Shrinkage:  # fmt: skip
-    """Fit on the other trips, judge on the one left out (on itself, if it is alone)."""
+    """Fit on the other trips, judge on the one left out (on itself, if it is alone); over the first `until` s of each
+    where the gap lies there. `coarse` logs have a declared repeatability, or what the references show of it: that is
+    their floor; elsewhere the floor is what the cause, fitted to the very trip, leaves."""
     places = {id(v): p for v, p in zip(library.variants, library.places, strict=True)}
     chosen = leading(posterior)
     columns, sd = _columns_of(chosen, posterior, library, layout, places)
     channel = _channel(columns, posterior, whitened, trips, layout, chosen, library, places)
     held = len(trips) > 1
     total = sum((w.gram for w in whitened), np.zeros_like(whitened[0].gram))
-    cases = [_case(t, w, layout, calibration, channel) for t, w in zip(trips, whitened, strict=True)]
+    cases = [_case(t, w, layout, calibration, channel, until) for t, w in zip(trips, whitened, strict=True)]
     reductions = [reduce(total - w.gram if held else total, layout, calibration) for w in whitened]
     whole = reduce(total, layout, calibration)
 
@@ -89,6 +93,8 @@ def shrink(
     after = errors(columns, sd, reductions) if len(columns) else before
     best = [fit(whole, columns, sd).value if len(columns) else np.zeros(0)] * len(cases)
     floor = np.array([_floor(c, c.columns[:, columns] @ b) for c, b in zip(cases, best, strict=True)])
+    if coarse:
+        floor = np.array([c.repeatability for c in cases])
 
     def mean(x: Array) -> float:
         return float(np.sqrt(np.mean(x**2)))
@@ -162,22 +168,31 @@ def _channel(columns, posterior, whitened, trips, layout, chosen, library, place
     return CHANNELS[int(np.argmax(energy))]
 
 
-def _case(trip: Trip, w: Whitened, layout: Layout, calibration: Calibration, channel: str) -> _Case:
+def _case(
+    trip: Trip, w: Whitened, layout: Layout, calibration: Calibration, channel: str, until: float | None
+) -> _Case:
     rows = stack(trip, layout)
     c, n = len(layout.calibration), layout.nuisance
-    mask = trip.p.layout.channel == CHANNELS.index(channel)
+    number = CHANNELS.index(channel)
+    mask = trip.p.layout.channel == number
+    counts = np.ones(len(mask))
+    if channel in trip.p.layout.parts:
+        counts[mask] = trip.p.layout.parts[channel][2]
+    if until is not None and (mask & (trip.p.layout.time < until)).any():
+        mask &= trip.p.layout.time < until
     residual = rows[mask, -1] - rows[mask, :c] @ calibration.mean
     # nuisance of the trip alone (offsets of an altitude, for one): free in every comparison alike
     own = np.concatenate([rows[mask, c:n], trip.own.matrix[mask]], axis=1)
     wide = np.concatenate([layout.tolerance_sd, trip.own.sd])
-    parts = trip.p.layout.parts[channel][2] if channel in trip.p.layout.parts else np.ones(int(mask.sum()))
     if channel == "fuel_power":
         scale = float(np.nanmean(trip.p.samples.fuel))
     else:
         scale = float(np.sqrt(np.mean(trip.p.layout.sigma[mask] ** 2))) if mask.any() else 1.0
     window = (trip.p.layout.time[mask] / WINDOW).astype(int)
-    del w
-    return _Case(residual, own * wide, rows[mask, n:-1], window, parts.astype(float), max(scale, 1e-12))
+    sigma = trip.p.layout.sigma[mask] * calibration.noise.scale[number, trip.p.layout.regime[mask]]
+    shown = float(np.sqrt(np.mean(sigma**2))) if mask.any() else 0.0
+    scale = max(scale, 1e-12)
+    return _Case(residual, own * wide, rows[mask, n:-1], window, counts[mask], scale, shown / scale)
 
 
 def _rms(case: _Case, residual: Array) -> float:

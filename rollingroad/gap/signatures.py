@@ -295,13 +295,14 @@ PERIODS, COHERENT = (17.0, 65.0), 1500.0
 
 
 def _cold_with_start() -> Variant:
-    """A cold start as cars really make it: friction that fades over minutes, and the first minute's rich mixture."""
+    """A cold start as cars really make it: friction that fades over minutes, and the first half minute's rich mixture
+    and heating of the catalyst."""
     friction = _warm("temperature", "K", 363.15, -40.0, 40.0, "cold_start",
                      [{}, {"cold_start.energy": 0.8e9, "cold_start.oil_share": 0.0}], -1)  # fmt: skip
-    columns = (*friction.columns, Column("first_minute", "", 0.0, 0.4, 1))
+    columns = (*friction.columns, Column("first_half_minute", "", 0.0, 0.4, 1))
 
     def make(c: Context) -> Array:
-        start = {"cranking_fuel.retard": 0.2, "cranking_fuel.time": 60.0}
+        start = {"cranking_fuel.retard": 0.2, "cranking_fuel.time": 30.0}
         early = (c.neutral - c.residual(start)) / 0.2
         return np.concatenate([friction.make(c), early[:, None]], axis=1)
 

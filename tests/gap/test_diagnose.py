@@ -7,7 +7,11 @@ import numpy as np
 import pytest
 
 from rollingroad.gap.challenge import box, cars, routes, truth
+from rollingroad.gap.channels import CHANNELS
 from rollingroad.gap.diagnose import diagnose, weigh
+from rollingroad.gap.evidence import tamed
+from rollingroad.gap.refit import context_of
+from rollingroad.gap.replay import vector_of
 from rollingroad.gap.result import as_json
 from sensors.log import SensorLog
 from sensors.packets import decode
@@ -68,6 +72,8 @@ def test_a_wind_is_named_measured_and_shrinks_the_held_out_gap(garage) -> None:
     assert result["where"][0]["subsystem"] == "road_load"
     assert result["shrinkage"]["held_out"]
     assert result["shrinkage"]["recovered"] > 0.6
+    advice = result["advice"]
+    assert 0.0 <= advice["fuel_regret_after_percent"] < advice["fuel_regret_before_percent"]
 
 
 def test_a_hidden_effect_is_not_named_but_told_apart(garage) -> None:
@@ -87,6 +93,53 @@ def test_a_sensor_is_not_booked_to_physics(garage) -> None:
     assert first["effects"] == ["wheel_radius"]
     assert first["parameters"]["wheel_radius.change"]["value"] == pytest.approx(-0.015, abs=0.002)
     assert result["where"][0]["subsystem"] == "wheel"
+
+
+def test_a_foreign_engine_without_references_is_no_effect(garage) -> None:
+    """Given no reference trips and an engine that the simulator does not know, then nothing is named on trips without a
+    gap, the notes say why, and a sensor that needs no engine is named all the same."""
+    path, trip, _ = garage
+    logs = [decode(trip(seed, {}, {}), f"trip_{seed}") for seed in (21, 22)]
+    found = weigh(read_car(path), logs, [], None)
+    assert as_json(found)["verdict"] == "no_gap"
+    assert any("no reference trips" in note for note in found.notes)
+    small = [decode(trip(seed, {}, {"radius": 0.985}), f"trip_{seed}") for seed in (21, 22)]
+    assert as_json(weigh(read_car(path), small, [], None))["causes"][0]["effects"] == ["wheel_radius"]
+
+
+def test_a_leading_cause_is_re_simulated_at_its_size(garage) -> None:
+    """Given a strong wind, then the columns give the signal of the simulator run with that wind, and not of the linear
+    one, which knows nothing of the wind's square."""
+    path, trip, reference = garage
+    car = read_car(path)
+    logs = [decode(trip(seed, {"wind_n": 7.0}, {}), f"trip_{seed}") for seed in (21, 22)]
+    found = weigh(car, logs, reference, None)
+    variant, fit = found.posterior.fits["head_wind"]
+    place = next(p for v, p in zip(found.library.variants, found.library.places, strict=True) if v is variant)
+    correction = dict(zip(found.layout.calibration, found.calibration.mean, strict=True))
+    for one in found.logs:
+        context = context_of(one, car, vector_of(car), correction)
+        wanted = variant.at(context, fit.value)
+        error = np.linalg.norm(one.effects[:, place] @ fit.value - wanted) / np.linalg.norm(wanted)
+        linear = np.linalg.norm(variant.make(context) @ fit.value - wanted) / np.linalg.norm(wanted)
+        assert error < 0.02 < linear
+
+
+def test_one_stalled_launch_is_doubted_and_a_slipping_clutch_is_not(garage) -> None:
+    """Given one launch far off, then its deviation is raised and no other's; given all launches off alike, none."""
+    path, trip, reference = garage
+    one = weigh(read_car(path), [decode(trip(21, {}, {}), "trip")], reference, None).logs[0]
+    kind = np.flatnonzero(one.p.layout.channel == CHANNELS.index("launch_speed"))
+    assert len(kind) > 3
+    calm = np.zeros(len(one.p.layout.channel))
+    stalled = calm.copy()
+    stalled[kind[1]] = 30.0
+    raised = tamed(one, stalled).p.layout.sigma / one.p.layout.sigma
+    assert raised[kind[1]] > 10.0
+    assert np.delete(raised, kind[1]) == pytest.approx(1.0)
+    slipping = calm.copy()
+    slipping[kind] = 30.0
+    assert tamed(one, slipping).p.layout.sigma == pytest.approx(one.p.layout.sigma)
 
 
 def test_another_car_is_refused_by_name(garage, tmp_path: Path) -> None:

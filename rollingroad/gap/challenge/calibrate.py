@@ -101,8 +101,8 @@ def floors(cases: Sequence[Case]) -> dict[str, float]:
 
         def loss(log: float, x: Any = x, variance: Any = variance) -> float:
             total = variance + np.exp(2.0 * log)
-            # Student's t with 5 degrees of freedom: one odd trip does not set the floor
-            return float(np.sum(0.5 * np.log(total) + 3.0 * np.log1p(x**2 / total / 5.0)))
+            # Student's t with 5 degrees of freedom and that variance: one odd trip does not set the floor
+            return float(np.sum(0.5 * np.log(total) + 3.0 * np.log1p(x**2 / total / 3.0)))
 
         best = minimize_scalar(loss, bounds=(np.log(0.02 * scale), np.log(10.0 * scale)), method="bounded")
         if np.exp(best.x) > 0.1 * scale:
