@@ -10,7 +10,7 @@ import pytest
 
 import rollingroad.gap.challenge as challenge
 from rollingroad.gap.challenge import cars, effects, limits, routes, truth
-from rollingroad.gap.challenge.make import make
+from rollingroad.gap.challenge.make import _plan, make
 from rollingroad.gap.challenge.run import run
 from rollingroad.gap.challenge.score import score
 from vehicle_model.car.errors import BadInput
@@ -93,6 +93,16 @@ def test_a_set_is_run_without_its_key_and_taken_up_again(tmp_path: Path) -> None
     again, _ = run(tmp_path / "set", workers=0)
     assert again == first  # the time it took included: nothing was done again
     assert json.loads(answer.read_text()) == first[0]
+
+
+def test_a_hidden_effect_is_hidden_with_its_twins() -> None:
+    """Given cases whose effect is taken out of the catalogue, then all that may stand for it at class level are too."""
+    plans = [_plan(number, "hidden", 7) for number in range(6)]
+    for plan in plans:
+        for part in plan.key.parts:
+            twins = {e.id for e in effects.EFFECTS if effects.same_class(e.id, part.effect)}
+            assert twins == set(plan.hide)
+    assert any(plan.hide for plan in plans)
 
 
 def test_an_unknown_map_raises_the_limit(drive) -> None:

@@ -237,7 +237,9 @@ def _plan(number: int, kind: str, seed: int) -> Plan:
         parts = (drawn([BY_ID[i] for i in ids], strength, False),)
     kept = tuple(p for p in parts if p is not None)
     if hidden:
-        hide = tuple(p.effect for p in kept if not p.effect.startswith("novel"))
+        # with its whole class: a twin left in the catalogue would be a right answer
+        known = [p.effect for p in kept if not p.effect.startswith("novel")]
+        hide = tuple(e.id for e in EFFECTS if any(effects.same_class(e.id, k) for k in known))
     elif rng.random() < 0.12:  # a decoy: hiding says nothing
         absent = [i for i in HIDEABLE if not any(effects.same_class(i, p.effect) for p in kept)]
         hide = (str(rng.choice(absent)),)
