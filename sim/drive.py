@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from scenarios.effects import EFFECTS
 from scenarios.schema import Scenario
+from sim.accessories import AccessorySchedule
 from sim.advisor import Advisor, Suggestion, View
 from sim.demand import EGO_DEPART, demand
 from sim.display import Display
@@ -109,6 +110,8 @@ class Drive:
     """s that it took."""
     notes: tuple[str, ...] = ()
     compliance: Compliance = Compliance(math.nan, math.nan, math.nan, math.nan)
+    owed_fuel: float = 0.0
+    """J that accessories which were scheduled still cost after the trip; to be added to its fuel."""
 
 
 @dataclass
@@ -141,17 +144,19 @@ def drive(
     advisor: Advisor | None = None,
     network: Network | None = None,
     perfect: bool = False,
+    schedule_accessories: bool = False,
 ) -> Drive:
     """Drive the scenario's route once in its traffic and return what happened.
 
     `advisor` None: the baseline driver alone. `perfect`: the driver follows advice at once and exactly (the oracle's).
+    `schedule_accessories`: alternator and air conditioning run where fuel is cheap (`sim.accessories`).
     The network is built in a temporary folder unless one is given. Same scenario, car and seed: same bits; with an
     advisor, the same bits until its first advice. One libsumo per process: call it in a process of its own to run
     two at once. Raises BadInput (scenario), MirrorError (plant and SUMO disagree: a defect, never data).
     """
     if advisor is not None:
         advisor.reset()
-    steps = journey(scenario, car, seed, network=network, perfect=perfect)
+    steps = journey(scenario, car, seed, network=network, perfect=perfect, schedule_accessories=schedule_accessories)
     suggestion: Suggestion | None = None
     try:
         while True:
@@ -162,7 +167,13 @@ def drive(
 
 
 def journey(
-    scenario: Scenario, car: Car, seed: int, *, network: Network | None = None, perfect: bool = False
+    scenario: Scenario,
+    car: Car,
+    seed: int,
+    *,
+    network: Network | None = None,
+    perfect: bool = False,
+    schedule_accessories: bool = False,
 ) -> Generator[tuple[View, Plant], Suggestion | None, Drive]:
     """Drive step by step: yields what the dashboard shows (and the plant, for whoever keeps the score), takes a
     suggestion or None, and returns the `Drive`. Between setting out and arriving only; see `drive`.
@@ -182,7 +193,8 @@ def journey(
         horizon = EGO_DEPART + 600.0 + 4.0 * float((1.0 / route.speed_limit).sum())
         routes = Path(folder) / "demand.rou.xml"
         routes.write_text(demand(scenario, network, seed, _ego_type(style), horizon))
-        return (yield from _run(scenario, car, seed, network, perfect, style, route, horizon, routes, settings))
+        run = _run(scenario, car, seed, network, perfect, style, route, horizon, routes, settings, schedule_accessories)
+        return (yield from run)
 
 
 def _own_settings(scenario: Scenario) -> dict[str, float]:
@@ -222,9 +234,11 @@ def _run(
     horizon: float,
     routes: Path,
     settings: dict[str, float],
+    schedule_accessories: bool,
 ) -> Generator[tuple[View, Plant], Suggestion | None, Drive]:
     began = time.perf_counter()
     plant = Plant(car, route, scenario.effects, 0.0, 0)
+    accessories = AccessorySchedule(plant, car, scenario.effects) if schedule_accessories else None
     driver = scenario.driver
     foot = Foot(car, driver.reaction_time, driver.pedal_step, PERIOD)
     gearbox = Gearbox(car, style, plant)
@@ -300,6 +314,8 @@ def _run(
                 wish = -1.0
             force = foot.force(wish, plant, coast=coast)
             gear = gearbox.gear(plant, force, wish, PERIOD, advised_gear)
+            if accessories is not None:
+                accessories.switch(PERIOD, force)
             plant.advance(force, gear, PERIOD)
             traffic.step(plant.distance)
             if followed and suggestion is not None:
@@ -331,6 +347,7 @@ def _run(
         wall_s=time.perf_counter() - began,
         notes=network.notes,
         compliance=_compliance(tally, display),
+        owed_fuel=0.0 if accessories is None else accessories.owed_fuel(),
     )
 
 
