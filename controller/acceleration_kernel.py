@@ -179,6 +179,9 @@ def after_limit(p, ratios, v, costate, h, rising):
         if chosen < 0:
             return -1, costate
         dv = rates(p, ratios, chosen, v, costate)[0]
+        if rising == (dv <= 0.0):  # max H is convex over lambda: the root wanted lies on its other branch
+            costate *= 1.5 if rising else 0.5
+            continue
         if abs(dv) < 1e-9:
             return -1, costate
         move = (control(p, ratios, chosen, v, costate)[2] - h) / dv

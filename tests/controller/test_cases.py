@@ -13,6 +13,7 @@ from controller.distance import cheapest_power
 from controller.problem import acceleration_problem
 from controller.pulse_and_glide import pulse_and_glide
 from vehicle_model.car.errors import BadInput
+from vehicle_model.car.files import read_car
 
 AGREEING = (
     "cvt-free",
@@ -275,6 +276,13 @@ def test_another_car_is_solved_with_its_own_parameters(smart):
     assert answer.cost > 989.23e3  # C_rr of the file is 0.0125, not the table's 0.010
     model = model_of(smart)
     assert model.fuel_power(300.0, 50.0) == pytest.approx(THESIS.fuel_power(300.0, 50.0))
+
+
+def test_a_limit_forces_shifts_in_a_car_whose_gears_lie_far_apart_too():
+    """The Peugeot: behind the limit lambda jumps far, past where coasting in a high gear would win."""
+    answers = {s.method: s for s in solve("six-speed-limit", ("indirect", "direct"), read_car("peugeot"))}
+    assert answers["indirect"].certificate.refused is None
+    assert answers["indirect"].cost == pytest.approx(answers["direct"].cost, rel=1e-3)
 
 
 def test_unknown_names_are_told():
