@@ -54,8 +54,8 @@ class Measured:
 
 def calibrate(settings: IonSettings) -> Calibration:
     """On a bench: locations from 9 to 21 degrees and mixtures from 0.85 to 1.15, 40 cycles each."""
-    location, mixture = np.meshgrid(np.linspace(9.0, 21.0, 5), np.linspace(0.85, 1.15, 5))
-    location, mixture = np.repeat(location.ravel(), 40), np.repeat(mixture.ravel(), 40)
+    places_by, mixtures_by = np.meshgrid(np.linspace(9.0, 21.0, 5), np.linspace(0.85, 1.15, 5))
+    location, mixture = np.repeat(places_by.ravel(), 40), np.repeat(mixtures_by.ravel(), 40)
     cycles = ion_cycles(location, mixture, generator(0, "ion current on the bench"), settings)
     places, slopes = two_gaussians(ANGLE, cycles.current)[:, 4], flame_slope(ANGLE, cycles.current)
     return Calibration.of(places, slopes, location, mixture)
