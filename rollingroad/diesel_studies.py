@@ -26,7 +26,7 @@ WALK = (1e3, 1e3, 20.0)
 AIR_NOISE = 0.002
 """kg/s."""
 A_Q = np.array([[1.0, -2.0], [2.0, 1.0], [0.0, 0.0]])
-NODES = np.arange(1, 13) * 0.05
+NODES: Array = np.arange(1, 13).astype(np.float64) * 0.05
 ERROR = np.array([-0.02, 0.01, 0.05, 0.07, 0.06, 0.03, 0.0, -0.03, -0.05, -0.04, -0.02, 0.0])
 """The air-flow sensor's relative error at `NODES` kg/s."""
 TO_SHOWN = np.array([1.0, 1.0, 30.0 / np.pi, 1.0])

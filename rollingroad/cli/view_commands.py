@@ -81,8 +81,9 @@ def gallery(
             run = [Path("runs") / "mixed-0", Path("runs") / "mixed-peugeot-0"]
             for car, folder in zip(("smart", "peugeot"), run, strict=True):
                 if not (folder / "run.json").is_file():
-                    run_chain(make_task("mixed", car=car), folder, tell=lambda text, car=car: tell(f"{car}: {text}"))
+                    tell(f"driving the {car}, with and without advice")
+                    run_chain(make_task("mixed", car=car), folder)
         tell("reading the run")
-        read = [read_run(folder) for folder in run]
-        paths = write_gallery(*read[:1], out, *read[1:], tell=tell)
+        first, *other = [read_run(folder) for folder in run]
+        paths = write_gallery(first, out, other[0] if other else None, tell=tell)
     console().print(f"{len(paths) - 1} figures in {paths[0]}", soft_wrap=True)

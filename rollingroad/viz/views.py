@@ -38,7 +38,7 @@ def speed_chart(run: Run) -> Chart:
     """Speed, gear and altitude over distance: baseline, advised, advice, limit."""
     base, adv, advice = _thinned(run.baseline), _thinned(run.advised), run.advice
     spans = sky_spans(run.route)
-    speed = (
+    speed: tuple[Mark, ...] = (
         *spans,
         Line(_km(run.route.s), run.route.speed_limit * KMH, "limit", charts.LIMIT, dash="dot", step=True),
         Line(_km(advice.s), advice.speed * KMH, "advice", charts.ADVICE, dash="dash"),

@@ -200,7 +200,7 @@ def _arrival(length: float):
     def arrived(_, x) -> float:
         return x[0] - length
 
-    arrived.terminal = True  # pyright: ignore[reportFunctionMemberAccess]
+    arrived.terminal = True  # type: ignore[attr-defined]
     return arrived
 
 

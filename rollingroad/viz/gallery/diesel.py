@@ -69,7 +69,7 @@ def _named(study: AugmentationStudy) -> str:
 
 
 def _clock(rows: int) -> Array:
-    return np.arange(rows) * STEP
+    return np.arange(rows).astype(np.float64) * STEP
 
 
 def _middle(rows: int) -> slice:

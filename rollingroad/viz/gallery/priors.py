@@ -38,9 +38,11 @@ _OUTSIDE = t.steps([(0.0, 0.0), (0.5, -0.5), (0.7, 0.3), (-0.5, 0.4), (0.6, -0.2
 def prior_charts() -> list[Chart]:
     """The fourteen figures, in order; they need no run."""
     spe, low, boot = StaticPriorEstimator(_PRIOR, _WEIGHTING), LowPass(0.9), Bootstrap(_DRIFT, 1.0)
-    three = {"SPE": spe, "low-pass": low, "bootstrap": boot}
+    three: dict[str, Estimator] = {"SPE": spe, "low-pass": low, "bootstrap": boot}
     peaks = MixturePrior((1.0, 1.0), (GaussianPrior(15.0, 0.7), GaussianPrior(18.0, 0.5)), floor=0.1)
-    weightings = {name.replace("_", " "): StaticPriorEstimator(_PRIOR, _matched(name)) for name in WEIGHTINGS}
+    weightings: dict[str, Estimator] = {
+        name.replace("_", " "): StaticPriorEstimator(_PRIOR, _matched(name)) for name in WEIGHTINGS
+    }
     slow = Weighting.matched("negative_exponential", 0.95)
     adaptive = {
         "4.7": ("adaptive centre and deviation", AdaptivePriorEstimator(15.0, 1.0, _WEIGHTING), low),

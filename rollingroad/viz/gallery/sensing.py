@@ -7,7 +7,7 @@ from observer.estimate import STATES
 from observer.unscented import Spread, sigma_points
 from rollingroad.run import Run
 from rollingroad.viz import charts
-from rollingroad.viz.charts import Chart, Line, Panel
+from rollingroad.viz.charts import Chart, Line, Mark, Panel
 from rollingroad.viz.views import sky_spans
 
 _CLASSES = (0.0, 30.0, 50.0, 80.0, 110.0)
@@ -53,7 +53,7 @@ def _altitudes(run: Run) -> Chart:
     time, gps = _measured(run, "gps_altitude")
     map_time, road_map = _measured(run, "map_altitude")
     trip = run.baseline
-    marks = (
+    marks: tuple[Mark, ...] = (
         *sky_spans(run.route),
         Line(_place(run, time), gps, "GPS", charts.VERMILION),
         Line(_place(run, map_time), road_map, "road map", charts.GREEN, dots=True),
