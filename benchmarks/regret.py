@@ -3,8 +3,8 @@
 Both drivers do at each place what their own map advises for the speed that they have (feedback: who rolls farther or
 shorter than foreseen goes on from there), at the same price of time, so that no difference in trip time is left out.
 Cost: fuel, price of time, gear changes, restarts, dawdling. On the true map the cost of its own policy is the least,
-up to the grid, so that a regret is not negative. (The price against pulse and glide belongs to the map it was planned
-on, hence not to the cost.)
+up to the grid and to the price against pulse and glide: that belongs to the map it was planned on, hence not to the
+cost, so that where the true map would reward swinging a regret can come out a little below zero.
 """
 
 import numpy as np
