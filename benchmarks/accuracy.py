@@ -9,6 +9,7 @@ import json
 import tempfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,6 +129,15 @@ def measure(scenarios: Iterable[str], seeds: Iterable[int], folder: Path) -> dic
     return {"rows": rows}
 
 
+def rounded(value: Any) -> Any:
+    """`value` with four significant digits."""
+    if isinstance(value, float):
+        return float(f"{value:.4g}")
+    if isinstance(value, Mapping):
+        return {key: rounded(each) for key, each in value.items()}
+    return [rounded(each) for each in value] if isinstance(value, list | tuple) else value
+
+
 def pooled(rows: list[dict], tuning: str, sensors: str, when: str, figure: str) -> tuple[float, float, float]:
     """Root mean square over the rows, and its 95 % interval by bootstrap over them."""
     squares = np.array([row[tuning][sensors][when][figure] ** 2 for row in rows])
@@ -193,5 +203,6 @@ if __name__ == "__main__":
     options = parser.parse_args()
     if not options.print:
         found = measure(options.scenarios, HELD_OUT[: options.seeds], options.drives)
-        options.out.write_text(json.dumps(found, indent=1) + "\n")
+        text = json.dumps(rounded(found), separators=(",", ":")).replace('{"scenario"', '\n{"scenario"')
+        options.out.write_text(text + "\n")
     print(tables(json.loads(options.out.read_text())["rows"]))

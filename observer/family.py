@@ -338,7 +338,7 @@ def run_family(
                     kinds, value, variance, aux = admitted.kinds, admitted.value, admitted.variance, admitted.aux
                     observer.correct(car_reading(car, kinds, value, variance, aux), admitted)
                 state, P = observer.moments()
-        except (np.linalg.LinAlgError, ValueError, FloatingPointError):
+        except (np.linalg.LinAlgError, ValueError, ArithmeticError):
             break
         if not np.isfinite(state).all():
             break
