@@ -207,6 +207,8 @@ READ = np.array([1, 2, 4, 9, 3, 8, 20, 21, 11, 13])
 SIGN_BAND = 0.1
 OVERDUE = 1.15
 """An injector pulse is overdue when the time since the last is so many times the interval before."""
+HARDEST = 4.0
+"""m/s2 by which a forward acceleration may be too low and still be brakes; a spike is more."""
 SURPRISE = 9.0
 """NIS of a forward acceleration that is too low, beyond which, in hindsight, thrust is let free to follow it."""
 WRAP = 2.0 * math.pi
@@ -522,7 +524,7 @@ def fuse(kind, z, r, aux, f):
         for k in range(size):
             S += hv[k] * ph[index[k]]
         nis = nu * nu / S
-        if kind == ACCELERATION_X and nu < 0.0 and nis > SURPRISE and mem[M_HINDSIGHT] > 0.0:
+        if kind == ACCELERATION_X and -HARDEST < nu < 0.0 and nis > SURPRISE and mem[M_HINDSIGHT] > 0.0:
             # thrust fell and no pulse told: brakes, or fuel that was cut a moment ago
             more = (nu * nu - S) / (hv[1] * hv[1])
             P[2, 2] += more
