@@ -1,15 +1,16 @@
 """Drives of a world that can be computed by hand, in place of `rollingroad.evaluation.evaluate_drives`.
 
-A trip takes 100 (1 + seed) s at a price of 1,000 W and a hundredth less with each doubling; time saved costs fuel.
+A trip takes 100 (1 + seed) s at a price of 1,000 W, a hundredth less with each doubling, which costs a hundredth more
+fuel: 1 kJ for a second, what it is worth at 1,000 W.
 """
 
 import math
 from typing import Any
 
-BASE_FUEL, BASE_TIME = 1000.0, 100.0
-PERFECT, TRUE = 50.0, 20.0
+BASE_FUEL, BASE_TIME = 1e5, 100.0
+PERFECT, TRUE = 5000.0, 2000.0
 """J that following exactly and knowing the true map save."""
-FIT, ESTIMATION, OPTIMISER = 3.0, 2.0, 1.0
+FIT, ESTIMATION, OPTIMISER = 300.0, 200.0, 100.0
 
 
 def account(fuel: float, time: float, **more: Any) -> dict[str, Any]:
@@ -31,7 +32,7 @@ def advised_drive(
         raise RuntimeError("the ego teleported")
     scale = 1 + task["seed"]
     doublings = math.log2(price / 1000.0)
-    fuel = 0.9 * BASE_FUEL + 10.0 * doublings - PERFECT * perfect - TRUE * (knowledge == "true")
+    fuel = 0.9 * BASE_FUEL + 1000.0 * doublings - PERFECT * perfect - TRUE * (knowledge == "true")
     # In even seeds he is slower than the mean, in odd ones faster: only the mean over two can be equal.
     luck = 1.0 + task.get("luck", 0.0) * (-1) ** task["seed"] / scale
     time = BASE_TIME * (1.0 - 0.01 * doublings) * luck * task.get("slowness", 1.0)

@@ -34,6 +34,23 @@ def test_fuel_is_compared_at_the_price_that_makes_the_mean_times_equal(tmp_path:
     assert row["seeds"] == 3
 
 
+def test_what_is_late_within_a_hundredth_is_charged_at_the_price_of_time(tmp_path: Path) -> None:
+    """Given drives 0.6 s late at 1,000 W, then 600 J of the 10 kJ saved are owed; further prices are not driven."""
+    (row,) = judged(tmp_path, seeds=1, slowness=1.006)["rows"]
+    assert row["price_W"] == pytest.approx(1000.0) and row["time_difference_percent"] == pytest.approx(0.6)
+    assert row["fair_saving_percent"] == pytest.approx(9.4)
+
+
+def test_the_figure_at_exactly_the_same_time_stands_beside_the_fair_one(tmp_path: Path) -> None:
+    """Given a driver who needs 1.03 of the time, then by the formula the same time costs 2.9 doublings of the price."""
+    (row,) = judged(tmp_path, seeds=1, slowness=1.03)["rows"]
+    assert row["exact_time_saving_percent"] == pytest.approx(10.0 - 100.0 * (1.0 - 1.0 / 1.03), abs=1e-6)
+    late = row["time_difference_percent"]
+    doublings = np.log2(row["price_W"] / 1000.0)
+    assert 0.0 < late < 1.0
+    assert row["fair_saving_percent"] == pytest.approx(10.0 - doublings - late * row["price_W"] / 1000.0, abs=1e-6)
+
+
 def test_the_naive_figure_takes_the_thriftiest_price_and_looks_at_no_clock(tmp_path: Path) -> None:
     (row,) = judged(tmp_path, first_price=500.0)["rows"]
     assert row["naive_saving_percent"] == pytest.approx(10.0 + np.log2(10.0**0.25)), "the next price below 1,000 W"
