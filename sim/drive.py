@@ -284,14 +284,16 @@ def _run(
                         look_until, seen = now + glance, display.changes
                 suggestion = obedience.hear(told)
                 if told is not None:
+                    # From here on the two drives may differ: a display that is lit is looked at.
+                    if tally.first_advice is None:
+                        tally.first_advice = len(tally.hashes)
                     tally.told += 1
                     tally.refused += obedience.refusing
                     tally.looking += now < look_until
             if tally.first_advice is not None or suggestion is not None:
                 wish = min(wish, _warned(speed, gap, leader_speed))
             if suggestion is not None:
-                if tally.first_advice is None:
-                    tally.first_advice = len(tally.hashes)
+                if not traffic.released:
                     traffic.release(ADVISED_ACCELERATION)
                 coast = suggestion.coast
                 if speed <= cap[index]:

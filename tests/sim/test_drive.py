@@ -59,6 +59,23 @@ def test_same_seed_same_bits_and_another_seed_other_traffic(baseline: Drive, mix
     assert drive(files.load("mixed"), car, 4, network=mixed).step_hashes[:50] != baseline.step_hashes[:50]
 
 
+class Flicker(EaseOff):
+    """Changes its mind before the driver has acted upon the first word."""
+
+    def advise(self, view: View) -> Suggestion | None:
+        self.views.append(view)
+        if view.distance <= 400.0:
+            return None
+        return Suggestion(0.8 if len(self.views) % 6 < 3 else -0.8, 3)
+
+
+def test_a_display_that_is_lit_may_already_change_the_drive(baseline: Drive, mixed: Network, car: Car) -> None:
+    """Given glances at a display that flickers at once, then whatever they change comes after the first advice."""
+    after = drive(files.load("mixed"), car, 3, advisor=Flicker(), network=mixed)
+    same = np.array(after.step_hashes[:3000]) == np.array(baseline.step_hashes[:3000])
+    assert after.first_advice_step is not None and np.argmin(same) >= after.first_advice_step
+
+
 def test_drives_are_bit_equal_until_the_first_advice(baseline: Drive, advised: tuple[Drive, EaseOff]) -> None:
     after, _ = advised
     first = after.first_advice_step
