@@ -31,22 +31,8 @@ def ball_and_wheel_case(methods: tuple[str, ...], car: Car | None) -> list[Solut
                 ball_and_wheel.lattice_minimum_time(angle, rate, low, high, half_rates=n) for n in (50, 60, 73, 86)
             ]
             best = min(meshes)
-            nothing = np.empty((0, 2))
-            found.append(
-                Solution(
-                    "ball-and-wheel",
-                    "dp",
-                    best,
-                    best,
-                    np.nan,
-                    np.empty(0),
-                    nothing,
-                    nothing[:, :1],
-                    nothing,
-                    wall=clock.perf_counter() - began,
-                    certificate=Certificate(mesh_error=(sorted(meshes)[1] - best) / best),
-                )
-            )
+            error = (sorted(meshes)[1] - best) / best
+            found.append(_value_alone("ball-and-wheel", "dp", best, best, error, began))
     return found
 
 
@@ -189,22 +175,8 @@ def lqr(methods: tuple[str, ...], car: Car | None) -> list[Solution]:
                 flow = linear_quadratic.expm(np.block([[a, b], [np.zeros((1, 3))]]) * dt)
                 s, _ = linear_quadratic.discrete_regulator(flow[:2, :2], flow[:2, 2:], q * dt, r * dt)
                 costs.append(float(0.5 * start @ s @ start))
-            nothing = np.empty((0, 2))
-            found.append(
-                Solution(
-                    "lqr",
-                    method,
-                    2.0 * costs[1] - costs[0],
-                    horizon,
-                    np.nan,
-                    np.empty(0),
-                    nothing,
-                    nothing[:, :1],
-                    nothing,
-                    wall=clock.perf_counter() - began,
-                    certificate=Certificate(mesh_error=abs(costs[0] - costs[1]) / costs[1]),
-                )
-            )
+            error = abs(costs[0] - costs[1]) / costs[1]
+            found.append(_value_alone("lqr", method, 2.0 * costs[1] - costs[0], horizon, error, began))
     return found
 
 
@@ -219,4 +191,22 @@ def _regulator_problem(a, b, q, r, start, horizon: float) -> Problem:
         control_low=(-10.0,),
         control_high=(10.0,),
         scale=(10.0, 2.0),
+    )
+
+
+def _value_alone(case: str, method: str, cost: float, duration: float, error: float, began: float) -> Solution:
+    """A method that finds what it costs, to a mesh's `error`, but no trajectory. `began`: its clock, s."""
+    none = np.empty((0, 2))
+    return Solution(
+        case,
+        method,
+        cost,
+        duration,
+        np.nan,
+        np.empty(0),
+        none,
+        none[:, :1],
+        none,
+        wall=clock.perf_counter() - began,
+        certificate=Certificate(mesh_error=error),
     )

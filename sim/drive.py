@@ -290,7 +290,7 @@ def _run(
                     tally.told += 1
                     tally.refused += obedience.refusing
                     tally.looking += now < look_until
-            if tally.first_advice is not None or suggestion is not None:
+            if tally.first_advice is not None:
                 wish = min(wish, _warned(speed, gap, leader_speed))
             if suggestion is not None:
                 if not traffic.released:
@@ -384,11 +384,13 @@ def _safe_wish(
     """The acceleration (m/s2) that SUMO's model and the junctions ahead allow at most."""
     allowed = math.inf
     if leader:
-        # Closing in he brakes as he always does; behind one who draws away he may pull as hard as he was told.
-        closing = min(max(speed - leader_speed, 0.0), 1.0)
-        brisk = traffic.follow_speed(speed, gap, leader, leader_speed, traffic.released or style.acceleration)
-        own = traffic.follow_speed(speed, gap, leader, leader_speed, style.acceleration)
-        allowed = (brisk + closing * (own - brisk) - speed) / PERIOD
+        follow = traffic.follow_speed(speed, gap, leader, leader_speed, style.acceleration)
+        if traffic.released:
+            # Closing in he brakes as he always does; behind one who draws away he may pull as hard as he was told.
+            closing = min(max(speed - leader_speed, 0.0), 1.0)
+            brisk = traffic.follow_speed(speed, gap, leader, leader_speed, traffic.released)
+            follow = brisk + closing * (follow - brisk)
+        allowed = (follow - speed) / PERIOD
     if stop < math.inf:
         allowed = min(allowed, (traffic.stop_speed(speed, stop - STOP_SHORT, style.acceleration) - speed) / PERIOD)
     if left < 30.0 + speed * speed / (2.0 * 1.0):

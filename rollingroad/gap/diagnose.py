@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from rollingroad.gap import evidence, generic, signatures
+from rollingroad.gap import evidence
 from rollingroad.gap.channels import prepare
 from rollingroad.gap.door import read_road, read_trips, split_restarts
 from rollingroad.gap.evidence import Calibration, Library, Posterior, Reduced, Trip
@@ -133,7 +133,7 @@ def weigh(
     *, notes: Sequence[str] = (), workers: int = 1,
 ) -> Diagnosis:  # fmt: skip
     """The diagnosis of logs in memory."""
-    library = Library(tuple(signatures.variants(car)), tuple(generic.library(car)))
+    library = Library.of(car)
     known = {v.effect for v in library.variants} | set(NEVER)
     for effect in hide:
         if effect not in known and not effect.startswith("novel"):
@@ -311,7 +311,7 @@ def _one(job: tuple[SensorLog, Car, Road | None, Mapping[str, float] | None]) ->
     log, car, road, correction = job
     with threadpool_limits(1):
         vector = vector_of(car)
-        library = Library(tuple(signatures.variants(car)), tuple(generic.library(car)))
+        library = Library.of(car)
         trace = reconstruct(log, car, road)
         if trace.time[-1] - trace.time[0] < SHORTEST:
             return (

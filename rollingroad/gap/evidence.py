@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from rollingroad.gap import generic
+from rollingroad.gap import generic, signatures
 from rollingroad.gap.channels import CHANNELS, REGIMES, Prepared, block_means, values
 from rollingroad.gap.design import (
     FUEL,
@@ -51,6 +51,11 @@ class Library:
 
     variants: tuple[Variant, ...]
     regressors: tuple[generic.Regressor, ...]
+
+    @classmethod
+    def of(cls, car: Car) -> "Library":
+        """Everything that may be named for `car`."""
+        return cls(tuple(signatures.variants(car)), tuple(generic.library(car)))
 
     @property
     def places(self) -> list[slice]:

@@ -21,7 +21,6 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize, minimize_scalar
 
-from rollingroad.gap import generic, signatures
 from rollingroad.gap.challenge.effects import same_class
 from rollingroad.gap.challenge.run import EVIDENCE
 from rollingroad.gap.challenge.score import opened_key
@@ -73,7 +72,7 @@ def read_cases(folders: Sequence[Path]) -> list[Case]:
             except (OSError, ValueError) as error:
                 raise BadInput(place / EVIDENCE, "", "a set diagnosed by `challenge run --keep`") from error
             car = read_car(place / "car.xml")
-            library = Library(tuple(signatures.variants(car)), tuple(generic.library(car)))
+            library = Library.of(car)
             cases.append(Case(key, reduced, layout, library, tuple(hide)))
     return cases
 
