@@ -1,11 +1,15 @@
 """Thresholds chosen on development sets: the floors and the score that they minimise."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from rollingroad.gap.challenge.calibrate import Case, floors, log_score
+from rollingroad.gap.challenge.kept import read_evidence, write_evidence
 from rollingroad.gap.evidence import Fit, Hypotheses, Layout, Library, Reduced, Thresholds
 from rollingroad.gap.signatures import Column, Variant
+from vehicle_model.car.errors import BadInput
 
 VARIANT = Variant("mass", (Column("factor", "", 1.0, 2.0),), {}, lambda c: np.zeros((0, 1)))
 LIBRARY = Library((VARIANT,), ())
@@ -41,3 +45,24 @@ def test_the_score_rewards_calibration() -> None:
     sure = log_score(cases, Thresholds(barrier=0.0, temperature=0.2))
     honest = log_score(cases, Thresholds(barrier=8.0, temperature=1.0))
     assert honest < sure
+
+
+def test_kept_evidence_is_plain_arrays(tmp_path: Path) -> None:
+    """Given evidence that was kept, then it is read back the same; given a file that holds objects which reading would
+    have to build, or none at all, then it is refused in one line that names it."""
+    reduced = Reduced(np.diag([4.0, 9.0]), np.array([1.0, 2.0]))
+    layout = Layout(("map.a", "map.b"), np.array([1.0, 2.0]), ("tolerance.mass",), np.array([0.02]), 1, 1)
+    with pytest.raises(BadInput, match="evidence.npz"):
+        read_evidence(tmp_path)
+    write_evidence(tmp_path, reduced, layout, ("mass",))
+    again, shape, hide = read_evidence(tmp_path)
+    np.testing.assert_array_equal(again.information, reduced.information)
+    np.testing.assert_array_equal(again.vector, reduced.vector)
+    assert (shape.calibration, shape.tolerance, shape.effects, shape.generics) == (
+        layout.calibration, layout.tolerance, 1, 1,
+    )  # fmt: skip
+    assert hide == ("mass",)
+    with (tmp_path / "evidence.npz").open("wb") as file:
+        np.savez(file, information=np.array([{"an": "object"}], dtype=object))
+    with pytest.raises(BadInput, match="evidence.npz"):
+        read_evidence(tmp_path)

@@ -12,7 +12,6 @@ Nothing of a set that is scored later may be among these.
 """
 
 import json
-import pickle
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -22,10 +21,9 @@ import numpy as np
 from scipy.optimize import minimize, minimize_scalar
 
 from rollingroad.gap.challenge.effects import same_class
-from rollingroad.gap.challenge.run import EVIDENCE
+from rollingroad.gap.challenge.kept import read_evidence
 from rollingroad.gap.challenge.score import opened_key
 from rollingroad.gap.evidence import Hypotheses, Layout, Library, Posterior, Reduced, Thresholds, hypotheses, weighed
-from vehicle_model.car.errors import BadInput
 from vehicle_model.car.files import read_car
 
 WEIGHTS: Mapping[str, float] = {"gap_free": 0.45, "known": 0.35, "hidden": 0.15, "pair": 0.05}
@@ -62,18 +60,13 @@ class Case:
 
 
 def read_cases(folders: Sequence[Path]) -> list[Case]:
-    """The cases of `folders`. Raises BadInput where one has not been run with `--keep`."""
+    """The cases of `folders`. Raises BadInput where one has not been run with `--keep` by this version."""
     cases = []
     for folder in folders:
         for key in opened_key(folder):
             place = folder / key["case"]
-            try:
-                reduced, layout, hide = pickle.loads((place / EVIDENCE).read_bytes())
-            except (OSError, ValueError) as error:
-                raise BadInput(place / EVIDENCE, "", "a set diagnosed by `challenge run --keep`") from error
-            car = read_car(place / "car.xml")
-            library = Library.of(car)
-            cases.append(Case(key, reduced, layout, library, tuple(hide)))
+            reduced, layout, hide = read_evidence(place)
+            cases.append(Case(key, reduced, layout, Library.of(read_car(place / "car.xml")), hide))
     return cases
 
 

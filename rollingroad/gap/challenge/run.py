@@ -5,7 +5,6 @@ that what was done with this code is not done again and a case that dies leaves 
 """
 
 import json
-import pickle
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -13,13 +12,12 @@ from typing import Any
 
 from rollingroad.evaluation.engine import Outcome, run_units
 from rollingroad.evaluation.store import Store, Unit
+from rollingroad.gap.challenge.kept import write_evidence
 from rollingroad.gap.diagnose import investigate
 from rollingroad.gap.result import as_json
 from vehicle_model.car.errors import BadInput
 
 UNIT = "rollingroad.gap.challenge.run:diagnose_case"
-EVIDENCE = "evidence.pickle"
-"""Of each case, on request: what probabilities are made of, for `calibrate`."""
 
 
 def run(
@@ -32,8 +30,8 @@ def run(
 ) -> tuple[list[dict[str, Any]], list[str]]:
     """Write `result.json` into each case of `folder`; return the results and a line for each case that failed.
 
-    `workers` processes (0: none but this one) or the Dask scheduler at `cluster`. `keep` also pickles what thresholds
-    are chosen from. Raises BadInput where `folder` is no blind set.
+    `workers` processes (0: none but this one) or the Dask scheduler at `cluster`. `keep` also writes what thresholds
+    are chosen from (`kept.py`). Raises BadInput where `folder` is no blind set.
     """
     try:
         manifest = json.loads((folder / "manifest.json").read_text())
@@ -73,7 +71,7 @@ def diagnose_case(folder: str, hide: list[str], keep: bool, set: str) -> dict[st
     start = time.perf_counter()
     found = investigate(place / "car.xml", place / "logs", place / "reference", None, tuple(hide))
     if keep:
-        (place / EVIDENCE).write_bytes(pickle.dumps((found.reduced, found.layout, tuple(hide))))
+        write_evidence(place, found.reduced, found.layout, hide)
     return as_json(found) | {
         "case": place.name, "hide": hide, "wall_s": time.perf_counter() - start,
         "per_trip": [list(row) for row in found.shrinkage.per_trip], "after_by_effect": found.shrinkage.after_by_effect,
