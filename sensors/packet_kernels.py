@@ -51,6 +51,15 @@ def _follows(data, at, stop):
 
 
 @njit(cache=True, error_model="numpy")
+def _reads_as_text(data, at):
+    """Tell whether the text packet at `at` holds only 7-bit characters, as NMEA does."""
+    highest = 0
+    for i in range(at + 3, at + 2 + data[at + 2]):
+        highest = max(highest, data[i])
+    return highest < 128
+
+
+@njit(cache=True, error_model="numpy")
 def _ends_alike(data, at, end):
     """Tell whether a packet of fixed size inside the one at `at` ends where it ends: one check byte, right for both.
 
@@ -91,8 +100,10 @@ def _better(data, at, end, stop):
             if after > stop or not _check(data, reach):
                 break
             reach = after
-        # A text is a right check alone, 1 in 256: what follows it must be legal too.
-        if reach > end and (PAYLOAD[data[other + 1]] > 0 or _follows(data, reach, stop)):
+        # A text is a right check alone, 1 in 256: it must read as one, and what follows it must be legal too.
+        if reach > end and (
+            PAYLOAD[data[other + 1]] > 0 or (_reads_as_text(data, other) and _follows(data, reach, stop))
+        ):
             return True
     return False
 

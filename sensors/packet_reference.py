@@ -38,7 +38,8 @@ def is_explained_better(data: bytes, at: int) -> bool:
             while reach < end and is_packet(data, reach):
                 reach += 3 + data[reach + 2]
             fixed = int(PAYLOAD[data[other + 1]]) > 0
-            if text or (reach > end and (fixed or could_follow(data, reach))):
+            reads = max(data[other + 3 : other + 2 + data[other + 2]]) < 128
+            if text or (reach > end and (fixed or (reads and could_follow(data, reach)))):
                 return True
     return False
 

@@ -180,6 +180,17 @@ def test_a_torn_head_does_not_swallow_a_good_packet_that_damage_follows():
     assert (len(log["wheel"]), len(log["compass"])) == (1, 0)
 
 
+def test_bytes_that_are_no_text_do_not_undo_a_good_packet_before_them():
+    """Damage behind a packet whose last byte is a preamble and whose check is 2: a text's head, its check right."""
+    ms = next(k for k in range(1 << 16) if packet(3, struct.pack("<IB", k, 0xFF))[-1] == 2)
+    good, behind = packet(3, struct.pack("<IB", ms, 0xFF)), packet(5, struct.pack("<Ib", 10, 1))
+    junk = bytes([5, 0xCD, 0xC0, 0x8D, 0x44])
+    right = bytes([sum(junk) & 0xFF])
+    assert packet_reference.is_packet(good[-2:] + junk + right, 0)
+    log = decode(good + junk + right + behind)
+    assert (len(log["wheel"]), len(log["skew"])) == (1, 1)
+
+
 def test_a_packet_in_the_middle_of_a_payload_is_payload():
     inside = packet(3, struct.pack("<IB", 1, 2))
     outer = packet(1, inside + b"x")
