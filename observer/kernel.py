@@ -216,6 +216,10 @@ UNKNOWN_HEADING = 1.0
 """rad2: with more variance than this, a course is taken over instead of being fused."""
 
 
+inner = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+"""Of a function that only others here call (from Python: its `py_func`): without wrappers it compiles faster."""
+
+
 class Filter(NamedTuple):
     """All that the filter reads and writes, as one argument (numba compiles long argument lists slowly)."""
 
@@ -246,7 +250,7 @@ class Filter(NamedTuple):
     """(WORK,), scratch."""
 
 
-@njit
+@inner
 def acceleration(x, p, g):
     """dv/dt; fills g with its derivatives by v, F, theta, S_k."""
     v = x[1]
@@ -263,7 +267,7 @@ def acceleration(x, p, g):
     return w * (x[2] - sign * load - p[P_MASS] * p[P_GRAVITY] * st)
 
 
-@njit
+@inner
 def transition(x, dt, p, n, xm):
     """Fill n (7, 8) with the transition less the identity at the midpoint, xm with the state there.
 
@@ -333,7 +337,7 @@ def transition(x, dt, p, n, xm):
     xm[12] = x[12] + dt * x[13]
 
 
-@njit
+@inner
 def predict(x, P, dt, p, s, q, n, xm, w):
     """Move x (NX) and P (NX, NX) by dt; q (NX) is the noise to add, already integrated over dt."""
     transition(x, dt, p, n, xm)
@@ -395,7 +399,7 @@ def predict(x, P, dt, p, s, q, n, xm, w):
     x[19] *= decay_z
 
 
-@njit
+@inner
 def sparse_row(kind, x, p, aux, hi, hv, g):
     """Fill hi, hv with the places and values of the measurement's Jacobian; return its value and how many there are."""
     v = x[1]
@@ -489,7 +493,7 @@ def sparse_row(kind, x, p, aux, hi, hv, g):
     return hv[0] * x[hi[0]], 1
 
 
-@njit
+@inner
 def fuse(kind, z, r, aux, f):
     """One scalar measurement: gate, update, record. Returns the reason code (FUSED or REOPENED: it entered)."""
     x = f.x
@@ -581,7 +585,7 @@ def fuse(kind, z, r, aux, f):
     return reason
 
 
-@njit
+@inner
 def reset(i, value, variance, f):
     """Forget the state i: set it to `value` with `variance`, uncorrelated with everything else."""
     x = f.x
@@ -600,7 +604,7 @@ def reset(i, value, variance, f):
         out[TAPE_LINES] = m + 1
 
 
-@njit
+@inner
 def note(kind, z, reason, f):
     """Record a measurement that never reached the filter."""
     mem = f.memory
@@ -618,7 +622,7 @@ def note(kind, z, reason, f):
         out[RECORDS] = m + 1
 
 
-@njit(cache=True)
+@inner
 def initial_variance(i, s):
     """Variance of the state i before anything was measured."""
     if i == 1:
@@ -652,7 +656,7 @@ def initial_variance(i, s):
     return 1e-6
 
 
-@njit
+@inner
 def sound(P, work):
     """Tell whether P is finite and positive definite (Cholesky on a copy of its scaled form)."""
     for i in range(NX):
@@ -677,7 +681,7 @@ def sound(P, work):
     return True
 
 
-@njit
+@inner
 def move(t, f):
     """Predict to the time `t`, with the process noise of the moment."""
     x, P, mem, s, out, tape, tape_index = f.x, f.P, f.memory, f.settings, f.counts, f.tape, f.tape_index
@@ -738,7 +742,7 @@ def move(t, f):
     mem[M_TIME] = t
 
 
-@njit
+@inner
 def on_accelerometer(event, f):
     """Specific force in the sensor's axes, m/s2."""
     x = f.x
@@ -769,7 +773,7 @@ def on_accelerometer(event, f):
         fuse(ACCELERATION_X + axis, value, deviation * deviation, 0.0, f)
 
 
-@njit
+@inner
 def on_wheel(event, t, f):
     """One pulse of the wheel: a distance since the anchor, or a new anchor."""
     x = f.x
@@ -814,7 +818,7 @@ def on_wheel(event, t, f):
     mem[M_SILENT] = 0.0
 
 
-@njit
+@inner
 def on_injector(event, t, f):
     """One injector pulse: engine angle, fuel of the interval that ends, power of the one that begins."""
     x = f.x
@@ -904,7 +908,7 @@ def on_injector(event, t, f):
     mem[M_CUT] = 0.0
 
 
-@njit
+@inner
 def on_skew(event, f):
     """What the logger's clock gained on GPS time, s."""
     mem = f.memory
@@ -913,7 +917,7 @@ def on_skew(event, f):
         mem[M_GAINED] += gained
 
 
-@njit
+@inner
 def on_gps(event, t, f):
     """One satellite fix, late by its way to the logger and the receiver's own filter."""
     x = f.x
@@ -994,7 +998,7 @@ def on_gps(event, t, f):
                 reset(HEADING, course + lag * x[8] * x[1], r + 0.01, f)
 
 
-@njit
+@inner
 def on_plain(event, code, f):
     """Sensors whose values are measurements as they stand: road map, gyroscope, compass, speed, fuel flow.
 
@@ -1036,7 +1040,7 @@ def on_plain(event, code, f):
         fuse(np.int64(told[i, 0]), told[i, 1], told[i, 2] ** 2, told[i, 3], f)
 
 
-@njit
+@inner
 def on_step(event, f):
     """In hindsight only: here the fuel power changed by `event[2]` W; `event[3]`: it fell to 0."""
     change = event[2]
@@ -1048,7 +1052,7 @@ def on_step(event, f):
         fuse(CUT_OFF, 0.0, 1e4, 0.0, f)
 
 
-@njit
+@inner
 def on_grid(t, f):
     """Every 0.1 s: what silence tells, whether all is sound, and the estimate."""
     x = f.x
@@ -1108,7 +1112,7 @@ def on_grid(t, f):
     out[GRID_LINES] = m + 1
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", no_cfunc_wrapper=True)
 def advance(events, first, last, f):
     """Run the filter over events[first:last], (n, COLUMNS), sorted by time. All state lives in `f`."""
     for e in range(first, last):
@@ -1134,7 +1138,7 @@ def advance(events, first, last, f):
             on_plain(event, code, f)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", no_cfunc_wrapper=True)
 def retreat(f, begin, end, only, lam, L, smooth_x, smooth_P):
     """The modified Bryson-Frazier smoother backwards over lines [begin, end) of the tape of `f` (Bierman 1973).
 
@@ -1219,7 +1223,7 @@ def retreat(f, begin, end, only, lam, L, smooth_x, smooth_P):
                     smooth_P[g, i] = P[i, i] - total
 
 
-@njit
+@inner
 def transpose_apply(lam, n, dt, decay, decay_z):
     """lam <- Phi' lam."""
     a0, a1, a2, a3, a4, a5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -1246,7 +1250,7 @@ def transpose_apply(lam, n, dt, decay, decay_z):
     lam[19] *= decay_z
 
 
-@njit
+@inner
 def sandwich(L, n, dt, decay, decay_z, a):
     """L <- Phi' L Phi for a symmetric L (NX, NX); a (10, NX) is scratch.
 

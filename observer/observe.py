@@ -102,7 +102,7 @@ def start(car: Car, settings: ObserverSettings, learnt: Mapping[str, float] | No
     """Return the filter before the first event, at `time` (s), with nothing recorded and no tape."""
     vector = settings.vector()
     x = np.zeros(kernel.NX)
-    P = np.diag([kernel.initial_variance(i, vector) for i in range(kernel.NX)])
+    P = np.diag([kernel.initial_variance.py_func(i, vector) for i in range(kernel.NX)])
     x[OMEGA] = car.engine.idle_speed
     x[kernel.SLIP] = settings.slip
     # between trips: loads shift, tyres cool

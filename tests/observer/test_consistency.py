@@ -1,5 +1,6 @@
 """On data drawn from the filter's own model its stated uncertainty is the true one."""
 
+import entry
 import numpy as np
 import pytest
 from scipy.stats import chi2
@@ -47,18 +48,18 @@ def drawn() -> tuple[np.ndarray, dict[int, np.ndarray]]:
         keep = np.exp(-STEP / np.array([DEFAULT.gps_drift_time] * 2 + [DEFAULT.gps_vertical_drift_time]))
         for k in range(errors.shape[1]):
             before = f.x[model.V]
-            kernel.move((k + 1) * STEP, f)
+            entry.move((k + 1) * STEP, f)
             f.x[model.OMEGA] *= before / f.x[model.V]  # the engine's tie to the car is an input, not part of the model
-            kernel.transition(truth, STEP, f.car, n, moved)
+            entry.transition(truth, STEP, f.car, n, moved)
             truth = moved[: kernel.NX].copy()
             truth[17:20] *= keep
             truth += np.sqrt(noise) * rng.standard_normal(kernel.NX)
             for kind, (every, variance) in EVERY.items():
                 if k % every == 0:
-                    value, _ = kernel.sparse_row(
+                    value, _ = entry.sparse_row(
                         np.int64(kind), truth, f.car, 0.0, np.zeros(10, np.int64), np.zeros(8), np.zeros(4)
                     )
-                    kernel.fuse(np.int64(kind), value + np.sqrt(variance) * rng.standard_normal(), variance, 0.0, f)
+                    entry.fuse(np.int64(kind), value + np.sqrt(variance) * rng.standard_normal(), variance, 0.0, f)
             unit = np.sqrt(np.diag(f.P))
             e = (f.x - truth) / unit
             errors[run, k] = e @ np.linalg.solve(f.P / np.outer(unit, unit), e)

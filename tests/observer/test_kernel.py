@@ -1,5 +1,6 @@
 """The compiled filter and smoother against slow references."""
 
+import entry
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -58,7 +59,7 @@ def kernel_prediction(x: np.ndarray, P: np.ndarray, dt: float) -> tuple[np.ndarr
     f = start(SMART, DEFAULT, None, 0.0)
     full, cov = np.zeros(kernel.NX), np.zeros((kernel.NX, kernel.NX))
     full[:17], cov[:17, :17] = x, P
-    kernel.predict(
+    entry.predict(
         full, cov, dt, f.car, f.settings, np.zeros(kernel.NX), np.empty((7, 8)), np.empty(kernel.NX + 4),
         np.empty((9, kernel.NX)),
     )  # fmt: skip
@@ -81,7 +82,7 @@ def test_compiled_correction_is_the_vector_correction():
     kinds = (model.DISTANCE, model.INJECTED_ENERGY, model.ENGINE_ANGLE)
     y, r = np.array([0.4, 20.0, 0.3]), np.array([0.01, 4.0, 0.04])
     for kind, value, variance in zip(kinds, y, r, strict=True):
-        assert kernel.fuse(np.int64(kind), value, variance, 0.0, f) == kernel.FUSED
+        assert entry.fuse(np.int64(kind), value, variance, 0.0, f) == kernel.FUSED
     x, P, _, _ = reference.correct(before_x, before_P, kinds, y, r, SMART)
     np.testing.assert_allclose(f.x[:17], x, rtol=1e-9, atol=1e-9)
     assert scaled_error(x, f.P[:17, :17], (x, P))[1] < 1e-9
@@ -127,18 +128,18 @@ def test_smoother_is_rauch_tung_striebel():
         dt = event[0] - plain.memory[kernel.M_TIME]
         filtered.append((plain.x.copy(), plain.P.copy()))
         n, xm = np.empty((7, 8)), np.empty(kernel.NX + 4)
-        kernel.transition(plain.x, dt, plain.car, n, xm)
+        entry.transition(plain.x, dt, plain.car, n, xm)
         phi = np.eye(kernel.NX)
         moving, columns = [0, 1, 3, 4, 5, 6, 7], [1, 2, 4, 9, 3, 8, 20, 21]
         phi[np.ix_(moving, columns)] += n
         phi[10, 11] = phi[12, 13] = dt
         decay = np.exp(-dt / np.array([DEFAULT.gps_drift_time] * 2 + [DEFAULT.gps_vertical_drift_time]))
         phi[[17, 18, 19], [17, 18, 19]] = decay
-        kernel.move(event[0], plain)
+        entry.move(event[0], plain)
         predicted.append((plain.x.copy(), plain.P.copy()))
         transitions.append(phi)
         if event[1] == kernel.ACCELEROMETER:
-            kernel.on_accelerometer(event, plain)
+            entry.on_accelerometer(event, plain)
         else:
             at_grid.append(len(filtered) - 1)
     last = (plain.x.copy(), plain.P.copy())

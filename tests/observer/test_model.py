@@ -3,6 +3,7 @@
 from dataclasses import fields
 
 import casadi as ca
+import entry
 import numpy as np
 import pytest
 from synthetic import SMART
@@ -73,7 +74,7 @@ def test_measurement_jacobian_is_the_derivative_and_the_kernel_agrees(kind):
         full = np.zeros(kernel.NX)
         full[:17] = x
         places, values, scratch = np.zeros(10, np.int64), np.zeros(8), np.zeros(4)
-        told, size = kernel.sparse_row(np.int64(kind), full, f.car, aux, places, values, scratch)
+        told, size = entry.sparse_row(np.int64(kind), full, f.car, aux, places, values, scratch)
         row = np.zeros(kernel.NX)
         row[places[:size]] = values[:size]
         np.testing.assert_allclose(told, expected.item(), rtol=1e-12, atol=1e-12)
@@ -85,7 +86,7 @@ def test_kernels_acceleration_is_the_models():
     rng = np.random.default_rng(4)
     for _ in range(50):
         x, slopes = random_state(rng), np.zeros(4)
-        assert kernel.acceleration(x, f.car, slopes) == pytest.approx(model.acceleration(x, SMART), rel=1e-12)
+        assert entry.acceleration(x, f.car, slopes) == pytest.approx(model.acceleration(x, SMART), rel=1e-12)
         expected = model.acceleration_gradient(x, SMART)[[model.V, model.F, model.THETA, model.SK]]
         np.testing.assert_allclose(slopes, expected, rtol=1e-11)
 
