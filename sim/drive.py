@@ -20,6 +20,7 @@ from sim.display import Display
 from sim.drivers import ADVISED_ACCELERATION, STYLES, Foot, Gearbox, Style, free_acceleration
 from sim.network import Network, build
 from sim.route import edge_starts, true_route
+from sim.signals import programmes
 from sim.traffic import EMERGENCY, PERIOD, Traffic
 from vehicle_model.car.errors import BadInput
 from vehicle_model.car.parameters import Car
@@ -193,7 +194,12 @@ def journey(
         horizon = EGO_DEPART + 600.0 + 4.0 * float((1.0 / route.speed_limit).sum())
         routes = Path(folder) / "demand.rou.xml"
         routes.write_text(demand(scenario, network, seed, _ego_type(style), horizon))
-        run = _run(scenario, car, seed, network, perfect, style, route, horizon, routes, settings, schedule_accessories)
+        signals = Path(folder) / "signals.add.xml"
+        signals.write_text(programmes(network, seed))
+        traffic = Traffic(network, routes, seed, signals)
+        run = _run(
+            scenario, car, seed, network, perfect, style, route, horizon, traffic, settings, schedule_accessories
+        )
         return (yield from run)
 
 
@@ -232,7 +238,7 @@ def _run(
     style: Style,
     route: Route,
     horizon: float,
-    routes: Path,
+    simulation: Traffic,
     settings: dict[str, float],
     schedule_accessories: bool,
 ) -> Generator[tuple[View, Plant], Suggestion | None, Drive]:
@@ -256,7 +262,7 @@ def _run(
     dawdling = generator(seed, "driver")
     arrived_at: float | None = None
     force = 0.0
-    with Traffic(network, routes, seed) as traffic:
+    with simulation as traffic:
         if not traffic.begin(EGO_DEPART + 120.0):
             raise BadInput(scenario.source or scenario.name, "traffic.vehicles", "so many that the ego finds no place")
         signal_before: tuple[float, str] = (math.inf, "")

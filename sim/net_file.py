@@ -58,14 +58,24 @@ class Edge:
 
 
 @dataclass(frozen=True)
+class Programme:
+    """The fixed-time programme of a signal."""
+
+    id: str
+    cycle: float
+    """s."""
+
+
+@dataclass(frozen=True)
 class NetFile:
-    """Normal edges open to cars, internal lanes, links[(from edge, to edge)]."""
+    """Normal edges open to cars, internal lanes, links[(from edge, to edge)], signals by name."""
 
     edges: dict[str, Edge]
     internal: dict[str, Lane]
     links: dict[tuple[str, str], tuple[Link, ...]]
     offset: tuple[float, float]
     """netOffset: net coordinates = projected coordinates + offset."""
+    signals: dict[str, Programme]
 
 
 def _points(text: str) -> NDArray[np.float64]:
@@ -89,6 +99,7 @@ def read(path: Path) -> NetFile:
     lanes: list[Lane] = []
     allowed = False
     params: dict[str, str] = {}
+    signals: dict[str, Programme] = {}
     for _, element in iterparse(path, events=("end",)):
         tag, get = element.tag, element.attrib
         if tag == "lane":
@@ -107,6 +118,9 @@ def read(path: Path) -> NetFile:
         elif tag == "location":
             east, north = (float(part) for part in get["netOffset"].split(","))
             offset = (east, north)
+        elif tag == "tlLogic":
+            cycle = sum(float(phase.attrib["duration"]) for phase in element.iter("phase"))
+            signals[get["id"]] = Programme(get["programID"], cycle)
         if tag in ("edge", "junction", "connection", "tlLogic"):
             if tag != "edge":
                 params = {}
@@ -123,4 +137,4 @@ def read(path: Path) -> NetFile:
         links.setdefault((c["from"], c["to"]), []).append(
             Link(int(c["fromLane"]), int(c["toLane"]), tuple(via), c.get("state", "M"), c.get("dir", "s"))
         )
-    return NetFile(edges, internal, {pair: tuple(group) for pair, group in links.items()}, offset)
+    return NetFile(edges, internal, {pair: tuple(group) for pair, group in links.items()}, offset, signals)

@@ -35,8 +35,8 @@ class Network:
 
     net: Path
     """The compiled .net.xml."""
-    additional: tuple[Path, ...]
-    """Signal offsets and the like, loaded after it."""
+    coordinated: dict[str, float]
+    """Offsets (s) of the signals that are coordinated with each other; see `sim.signals`."""
     edges: tuple[str, ...]
     """The ego's way."""
     depart: float
@@ -96,12 +96,6 @@ def _built_in(scenario: Scenario, directory: Path) -> Network:
     arguments += ["--no-turnarounds.except-deadend", "--precision", "4", "--offset.disable-normalization"]
     arguments += ["--junctions.corner-detail", "5", "--tls.cycle.time", str(signals["cycle"])]
     net = _netconvert(arguments, directory, name)
-    offsets = "".join(
-        f'  <tlLogic id="{junction}" programID="0" offset="{seconds}"/>\n'
-        for junction, seconds in section.get("offsets", signals["offsets"]).items()
-    )
-    additional = directory / "signals.add.xml"
-    additional.write_text(f"<additional>\n{offsets}</additional>\n")
     graph = way_graph(read(net))
     stations = [section["start"][0], *section.get("via", []), section["end"][0]]
     way = [graph.index[stations[0]]]
@@ -110,7 +104,7 @@ def _built_in(scenario: Scenario, directory: Path) -> Network:
         way += unwind(before[0], graph.index[here], graph.index[there])[1:]
     return Network(
         net=net,
-        additional=(additional,),
+        coordinated=section.get("offsets", signals["offsets"]),
         edges=tuple(graph.names[i] for i in way),
         depart=float(section["start"][1]),
         arrival=float(section["end"][1]),
@@ -172,7 +166,7 @@ def _from_osm(scenario: Scenario, directory: Path) -> Network:
     flat = max(float(np.ptp(net.edges[name].lanes[0].shape[:, 2])) for name in edges) == 0.0
     return Network(
         net=net_path,
-        additional=(),
+        coordinated={},
         edges=edges,
         depart=depart,
         arrival=arrival,

@@ -32,10 +32,10 @@ class MirrorError(RuntimeError):
 class Traffic:
     """One simulation. One per process at a time: libsumo is a single global simulation (use as a context manager)."""
 
-    def __init__(self, network: Network, routes: Path, seed: int) -> None:
+    def __init__(self, network: Network, routes: Path, seed: int, signals: Path | None = None) -> None:
         self._arguments = ["sumo", "--net-file", str(network.net), "--route-files", str(routes)]
-        if network.additional:
-            self._arguments += ["--additional-files", ",".join(str(path) for path in network.additional)]
+        if signals is not None:
+            self._arguments += ["--additional-files", str(signals)]
         self._arguments += ["--step-length", str(PERIOD), "--seed", str(seed % 2**31), "--no-step-log", "--no-warnings"]
         self._arguments += ["--collision.action", "warn", "--time-to-teleport", "120", "--max-depart-delay", "60"]
         self._arguments += ["--xml-validation", "never", "--xml-validation.net", "never"]
