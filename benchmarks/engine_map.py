@@ -1,6 +1,6 @@
 """The engine map found in an hour of mixed driving, judged: errors, share, intervals, regret, dynamometer, scale.
 
-`python -m benchmarks.engine_map [--hours 10] [--car smart] [--workers 2]`. An hour is four trips over `mixed` (town,
+`python -m benchmarks.engine_map [--first 0] [--hours 10] [--car smart] [--workers 2]`. An hour is four trips over `mixed` (town,
 rural, motorway) with seeds of their own, default box, biases not carried over. Regret: `benchmarks.regret`; the hours'
 is that of the planner's fit.
 """
@@ -37,12 +37,13 @@ RPM = np.pi / 30.0
 SHOWN = ("eta total 2", "eta total 4", "eta full 2", "eta full 3", "eta full 4", "eta full 4 border", "eta full 4 cut",
          "eta printed 3", "phi total 2", "phi full 2", "phi full 4", "phi printed 4", "P_in total 2", "P_in full 2",
          "P_in full 3", "P_in full 4", "P_in printed 4", "P_in willans", "P_in willans+kernel",
-         "P_in smooth")  # fmt: skip
+         "P_in smooth", "P_in average")  # fmt: skip
 
 
-def hour(arguments: tuple[str, int]) -> tuple[list[Trip], list[Estimate], list[Estimate], RoadAhead]:
-    """Four trips, their estimates, the first one's by car files 10 % off in C_rr, C_d A, or 2 % in the injectors."""
-    car, number = arguments
+def hour(arguments: tuple[str, int, bool]) -> tuple[list[Trip], list[Estimate], list[Estimate], RoadAhead]:
+    """Four trips and their estimates; if wished, the first one's by car files 10 % off in C_rr, C_d A, or 2 % in the
+    injectors."""
+    car, number, by_wrong_files = arguments
     trips, estimates, wrong = [], [], []
     road: RoadAhead | None = None
     for seed in range(TRIPS * number, TRIPS * number + TRIPS):
@@ -54,7 +55,7 @@ def hour(arguments: tuple[str, int]) -> tuple[list[Trip], list[Estimate], list[E
         estimates.append(observe(seen.log, task.car, seen.road_map))
         if road is None:
             road = road_ahead(driven.route, seen.road_map)
-            wrong = [observe(seen.log, other, seen.road_map) for other in wrong_cars(task.car)] if number == 0 else []
+            wrong = [observe(seen.log, other, seen.road_map) for other in wrong_cars(task.car)] if by_wrong_files else []
     assert road is not None
     return trips, estimates, wrong, road
 
@@ -90,6 +91,7 @@ def regrets(fits: dict[str, Fit], found, car: Car, road: RoadAhead, time: float)
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--hours", type=int, default=10)
     parser.add_argument("--car", default="smart")
     parser.add_argument("--workers", type=int, default=2)
@@ -102,7 +104,7 @@ def main() -> None:
     rows = []
     with ProcessPoolExecutor(options.workers) as pool:
         for number, (trips, estimates, wrong, road) in enumerate(
-            pool.map(hour, [(options.car, n) for n in range(options.hours)])
+            pool.map(hour, [(options.car, options.first + n, n == 0) for n in range(options.hours)])
         ):
             found = map_engine(estimates, car)
             fits = fit_all(found, car)

@@ -109,26 +109,28 @@ def _drag(omega: NDArray, torque: NDArray, car: Car, columns: int, step: float) 
 
 
 def drag_of_lines(trips: Sequence[OperatingPoints], lines: Fit, car: Car, columns: int) -> NDArray[np.float64]:
-    """Drag torque of every column, N m, from the map's Willans `lines`: form and, mostly, size.
+    """Drag torque of every column, N m: the default's form, and mostly the size that the map's Willans `lines` have.
 
-    T = -DRAGGED_SHARE P_in(omega, 0) / (dP_in/dT), the slope up to a third of the largest torque; scaled by what the
-    samples with the fuel cut show as in `_drag`.
+    T = -DRAGGED_SHARE P_in(omega, 0) / (dP_in/dT), the slope up to a third of the largest torque, is taken at the
+    speeds at which the car ran (beyond them the lines are extrapolated, and steep); scaled by what the samples with
+    the fuel cut show as in `_drag`.
     """
-
-    def dragged(omega: NDArray) -> NDArray[np.float64]:
-        reach = car.engine.max_torque / 3.0
-        nothing = lines.fuel_power(omega, np.zeros(len(omega)))
-        slope = (lines.fuel_power(omega, np.full(len(omega), reach)) - nothing) / reach
-        return -DRAGGED_SHARE * nothing / np.maximum(slope, omega)
-
-    turning = np.clip((np.arange(columns) + 0.5) * SPEED_STEP, car.engine.idle_speed, car.engine.redline_speed)
-    omega, torque = (
+    reach = car.engine.max_torque / 3.0
+    driven = _joined(trips, lambda trip: trip.engine_speed[trip.firing])
+    if not len(driven):
+        driven = np.linspace(car.engine.idle_speed, 0.5 * car.engine.redline_speed)
+    omega = np.quantile(driven, np.linspace(0.1, 0.9, 33))
+    nothing = lines.fuel_power(omega, np.zeros(len(omega)))
+    slope = (lines.fuel_power(omega, np.full(len(omega), reach)) - nothing) / reach
+    size = float(np.mean(-DRAGGED_SHARE * nothing / np.maximum(slope, omega) / default_overrun(omega, car)))
+    turning, torque = (
         _joined(trips, lambda trip: trip.engine_speed[trip.cut]),
         _joined(trips, lambda trip: trip.torque[trip.cut]),
     )
-    seconds = len(omega) * (trips[0].step if trips else 0.1)
-    ratio = max(float(np.quantile(torque / dragged(omega), 0.2)), 0.3) if len(omega) else 1.0
-    return (seconds * ratio + WILLANS_SECONDS) / (seconds + WILLANS_SECONDS) * dragged(turning)
+    seconds = len(turning) * (trips[0].step if trips else 0.1)
+    ratio = max(float(np.quantile(torque / (size * default_overrun(turning, car)), 0.2)), 0.3) if len(turning) else 1.0
+    scale = size * (seconds * ratio + WILLANS_SECONDS) / (seconds + WILLANS_SECONDS)
+    return scale * default_overrun((np.arange(columns) + 0.5) * SPEED_STEP, car)
 
 
 def full_throttle(trip: OperatingPoints, car: Car) -> NDArray[np.bool_]:

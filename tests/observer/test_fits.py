@@ -117,22 +117,28 @@ def test_the_kernel_finds_what_no_quadratic_holds_and_knows_where_it_knows_nothi
     assert float(ratio) == pytest.approx(1.0, abs=1e-3)
 
 
-def test_the_planners_fit_does_not_follow_the_waves_of_the_maps_errors(found):
-    """Given cells whose errors are waves of 1,260 rpm, the planner's fuel must bend less than the best fit's."""
+def test_the_smooth_fit_does_not_follow_the_waves_of_the_maps_errors():
+    """Given cells whose errors are waves of 1,260 rpm, the smooth form's fuel must bend less than the best fit's."""
     cells = cells_of(true_power)
     wave = 0.03 * np.sin(cells.engine_speed / (200 * RPM))
     waved = replace(cells, efficiency=cells.efficiency * (1.0 + wave), standard_error=np.full(400, 0.002))
-    shaken = replace(found, valid=np.zeros_like(found.valid))
-    fits = fit_all(shaken, CAR)
     base = fit_willans(waved, CAR, Limits())
     omega, torque = (axis.ravel() for axis in np.meshgrid(np.linspace(1500, 4000, 60) * RPM, [25.0, 45.0, 65.0]))
     followed = {}
     for fit in (fit_kernel(base, waved), fit_smooth(base, waved)):
         moved = fit.fuel_power(omega, torque) / true_power(omega, torque)
         followed[fit.name] = np.abs(np.diff(moved.reshape(3, -1), 2, axis=1)).mean()
-    assert followed[PLANNER_FIT] < 0.5 * followed[DEFAULT_FIT]
-    assert planner_fit(fit_all(found, CAR)).name == PLANNER_FIT
-    assert planner_fit(fits).name == "P_in willans"
+    assert followed["P_in smooth"] < 0.5 * followed[DEFAULT_FIT]
+
+
+def test_the_planner_gets_the_mean_of_two_forms_or_what_there_is(found):
+    fits = fit_all(found, CAR)
+    omega, torque = np.meshgrid(np.linspace(1500, 4000, 9) * RPM, [5.0, 45.0, 65.0])
+    each = [fits[name].fuel_power(omega, torque) for name in ("P_in smooth", "P_in full 2")]
+    chosen = planner_fit(fits)
+    assert chosen.name == PLANNER_FIT
+    np.testing.assert_allclose(chosen.fuel_power(omega, torque), 0.5 * (each[0] + each[1]))
+    assert planner_fit(fit_all(replace(found, valid=np.zeros_like(found.valid)), CAR)).name == "P_in willans"
 
 
 def test_too_few_cells_leave_the_willans_form(found):

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from synthetic_drive import CAR, FULL_LOAD, IDLE_POWER, OVERRUN, RPM, drive, true_efficiency
 
-from observer.envelope import DRAGGED_SHARE, drag_of_lines
+from observer.efficiency_map import SPEED_STEP
+from observer.envelope import DRAGGED_SHARE, default_overrun, drag_of_lines
 from observer.estimate import STATES
 from observer.fit_form import Fit
 from observer.fits import default_fit, fit_all
@@ -134,18 +135,30 @@ def test_a_copied_trip_adds_less_certainty_than_a_new_one_of_its_length(drives):
 
 
 def test_drag_follows_from_the_lines_where_no_fuel_cut_was_seen_and_yields_to_it(drives):
-    """Lines P_in = omega (14 + 2.8 T): no fuel is left at -5 N m, of which `DRAGGED_SHARE` is dragged."""
+    """Lines that say 1.5 times the default's drag at the speeds driven, of which `DRAGGED_SHARE` is dragged, and
+    anything where the car never ran: the drag has the default's form and the lines' size."""
 
     class Lines(Fit):
-        def fuel_power(self, engine_speed, torque):
-            return np.asarray(engine_speed) * (14.0 + 2.8 * np.asarray(torque))
+        def __init__(self, beyond):
+            self.beyond = beyond
 
-    unseen = drag_of_lines([], Lines(), CAR, 100)
-    np.testing.assert_allclose(unseen, -5.0 * DRAGGED_SHARE)
+        def fuel_power(self, engine_speed, torque):
+            omega = np.asarray(engine_speed)
+            nothing = -1.5 * 2.8 * default_overrun(omega, CAR) * np.where(omega > self.beyond, 3.0, 1.0)
+            return omega * (nothing + 2.8 * np.asarray(torque))
+
+    centre = (np.arange(100) + 0.5) * SPEED_STEP
+    unseen = drag_of_lines([], Lines(1e9), CAR, 100)
+    np.testing.assert_allclose(unseen, 1.5 * DRAGGED_SHARE * default_overrun(centre, CAR))
     trips = [operating_points(drive, CAR) for drive in drives]
-    seen = drag_of_lines(trips, Lines(), CAR, 100)
-    longer = drag_of_lines(10 * trips, Lines(), CAR, 100)
-    assert abs(longer - OVERRUN).max() < abs(seen - OVERRUN).max() < abs(unseen - OVERRUN).max()
+    seen = drag_of_lines(trips, Lines(1e9), CAR, 100)
+    never_driven = max(trip.engine_speed[trip.firing].max() for trip in trips)
+    np.testing.assert_allclose(drag_of_lines(trips, Lines(never_driven), CAR, 100), seen)
+    longer = drag_of_lines(10 * trips, Lines(1e9), CAR, 100)
+    turning = np.concatenate([trip.engine_speed[trip.cut] for trip in trips])
+    lowest = np.quantile(OVERRUN / default_overrun(turning, CAR), 0.2)
+    error = [abs((drag / default_overrun(centre, CAR)).mean() - lowest) for drag in (longer, seen, unseen)]
+    assert error[0] < error[1] < error[2]
 
 
 def test_limits_are_found(merged):
