@@ -1,8 +1,8 @@
 """The engine map found in an hour of mixed driving, judged: errors, share, intervals, regret, dynamometer, scale.
 
-`python -m benchmarks.engine_map [--first 0] [--hours 10] [--car smart] [--workers 2]`. An hour is four trips over `mixed` (town,
-rural, motorway) with seeds of their own, default box, biases not carried over. Regret: `benchmarks.regret`; the hours'
-is that of the planner's fit.
+`python -m benchmarks.engine_map [--first 0] [--hours 10] [--car smart] [--workers 2]`. An hour is four trips over
+`mixed` (town, rural, motorway) with seeds of their own, default box, biases not carried over. Regret:
+`benchmarks.regret`; the hours' is that of the planner's fit.
 """
 
 import argparse
@@ -55,7 +55,8 @@ def hour(arguments: tuple[str, int, bool]) -> tuple[list[Trip], list[Estimate], 
         estimates.append(observe(seen.log, task.car, seen.road_map))
         if road is None:
             road = road_ahead(driven.route, seen.road_map)
-            wrong = [observe(seen.log, other, seen.road_map) for other in wrong_cars(task.car)] if by_wrong_files else []
+            files = wrong_cars(task.car) if by_wrong_files else []
+            wrong = [observe(seen.log, other, seen.road_map) for other in files]
     assert road is not None
     return trips, estimates, wrong, road
 
