@@ -190,29 +190,38 @@ def whiten(trip: Trip, layout: Layout, noise: Noise) -> Whitened:
 ODD = 4.0
 """Robust deviations of its kind beyond which a block is an accident: a stalled launch, a foot on the brake."""
 ACCIDENTS = (
-    ("fuel_power", "launch"), ("fuel_power", "open"), ("coast_force", None), ("gear_ratio", None),
+    ("fuel_power", "launch"), ("fuel_power", "open"), ("fuel_power", "overrun"), ("coast_force", None),
+    ("gear_ratio", None),
     ("launch_speed", None), ("shift_time", None), ("gnss_speed", None),
 )  # fmt: skip
-"""Channels and regimes in which accidents happen. (Fuel in gear and at idle has none; what is odd there is a gap.)"""
+"""Channels and regimes in which accidents happen: a cut-off that comes late, for one. (Fuel in gear and at idle has
+none; what is odd there is a gap.)"""
 
 
-def tamed(trip: Trip, residual: Array) -> Trip:
-    """`trip` with the accidents among its blocks doubted: their deviation is raised to what they are off by.
+FEW = 5
+"""Blocks of a kind below which an accident and an effect look the same, and neither is concluded from."""
 
-    `residual` (m,) whitened. An effect moves many blocks of its kind and raises the robust deviation with them.
+
+def tamed(trips: Sequence[Trip], residuals: Sequence[Array]) -> list[Trip]:
+    """`trips` with the accidents among their blocks doubted: their deviation is raised to what they are off by.
+
+    `residuals` (m,) whitened, of each trip. An effect moves many blocks of its kind, over all trips, and raises their
+    robust deviation with them.
     """
-    layout = trip.p.layout
-    sigma = layout.sigma.copy()
+    sigmas = [trip.p.layout.sigma.copy() for trip in trips]
     for channel, regime in ACCIDENTS:
-        kind = layout.channel == CHANNELS.index(channel)
+        kinds = [trip.p.layout.channel == CHANNELS.index(channel) for trip in trips]
         if regime is not None:
-            kind &= layout.regime == REGIMES.index(regime)
-        if not kind.any():
-            continue
-        size = np.abs(residual[kind])
-        usual = max(1.0, 1.48 * float(np.median(size)))
-        sigma[kind] *= np.where(size > ODD * usual, size / (1.5 * usual), 1.0)
-    return replace(trip, p=replace(trip.p, layout=replace(layout, sigma=sigma)))
+            kinds = [k & (t.p.layout.regime == REGIMES.index(regime)) for k, t in zip(kinds, trips, strict=True)]
+        pooled = np.abs(np.concatenate([r[kind] for r, kind in zip(residuals, kinds, strict=True)]))
+        usual = max(1.0, 1.48 * float(np.median(pooled))) if len(pooled) >= FEW else 1.0
+        for sigma, residual, kind in zip(sigmas, residuals, kinds, strict=True):
+            size = np.abs(residual[kind])
+            sigma[kind] *= np.where(size > ODD * usual, size / (1.5 * usual), 1.0)
+    return [
+        replace(trip, p=replace(trip.p, layout=replace(trip.p.layout, sigma=sigma)))
+        for trip, sigma in zip(trips, sigmas, strict=True)
+    ]
 
 
 def unexplained(w: Whitened, layout: Layout, calibration: "Calibration") -> Array:
@@ -256,7 +265,7 @@ def doubted(
     done = [whiten(trip, layout, calibration.noise) for trip in trips]
     if coarse:
         return list(trips), done
-    out = [tamed(trip, unexplained(w, layout, calibration)) for trip, w in zip(trips, done, strict=True)]
+    out = tamed(trips, [unexplained(w, layout, calibration) for w in done])
     again = [
         w if np.array_equal(new.p.layout.sigma, old.p.layout.sigma) else whiten(new, layout, calibration.noise)
         for new, old, w in zip(out, trips, done, strict=True)
@@ -292,8 +301,7 @@ def calibrate(
         if not coarse:
             total = sum((w.gram for w in done), np.zeros_like(done[0].gram))
             known = Calibration(*_information(total, layout), noise, 1.0, len(reference))
-            scaled = [unexplained(w, layout, known) for w in done]
-            reference = [tamed(trip, r) for trip, r in zip(reference, scaled, strict=True)]
+            reference = tamed(reference, [unexplained(w, layout, known) for w in done])
     done = [whiten(trip, layout, noise) for trip in reference]
     total = sum((w.gram for w in done), np.zeros_like(done[0].gram))
     information, vector = _information(total, layout)

@@ -130,16 +130,16 @@ def test_one_stalled_launch_is_doubted_and_a_slipping_clutch_is_not(garage) -> N
     path, trip, reference = garage
     one = weigh(read_car(path), [decode(trip(21, {}, {}), "trip")], reference, None).logs[0]
     kind = np.flatnonzero(one.p.layout.channel == CHANNELS.index("launch_speed"))
-    assert len(kind) > 3
+    assert len(kind) >= 5
     calm = np.zeros(len(one.p.layout.channel))
     stalled = calm.copy()
     stalled[kind[1]] = 30.0
-    raised = tamed(one, stalled).p.layout.sigma / one.p.layout.sigma
+    raised = tamed([one], [stalled])[0].p.layout.sigma / one.p.layout.sigma
     assert raised[kind[1]] > 10.0
     assert np.delete(raised, kind[1]) == pytest.approx(1.0)
     slipping = calm.copy()
     slipping[kind] = 30.0
-    assert tamed(one, slipping).p.layout.sigma == pytest.approx(one.p.layout.sigma)
+    assert tamed([one], [slipping])[0].p.layout.sigma == pytest.approx(one.p.layout.sigma)
 
 
 def test_another_car_is_refused_by_name(garage, tmp_path: Path) -> None:
