@@ -19,6 +19,8 @@ URGENT = 0.50
 """m/s2 of wanted change of speed that does not wait."""
 GEAR_DWELL, GEAR_SURE = 5.0, 1.0
 """s that a gear stays at least, and that another must have been wanted for."""
+BRAKING = 1.5
+"""m/s2 that an arrow down makes him brake by at most; for more there must be something on the road to see."""
 FAR_GEAR = 2
 """Gears between shown and wanted that do not wait for `GEAR_DWELL`."""
 
@@ -98,5 +100,5 @@ def _within(arrow: int, acceleration: float) -> float:
     if arrow > 0:
         return max(acceleration, 0.0)
     if arrow < 0:
-        return min(acceleration, 0.0)
+        return max(min(acceleration, 0.0), -BRAKING)
     return min(max(acceleration, -OUTER), OUTER)

@@ -21,7 +21,7 @@ from sim.drivers import ADVISED_ACCELERATION, STYLES, Foot, Gearbox, Style, free
 from sim.network import Network, build
 from sim.route import edge_starts, true_route
 from sim.signals import programmes
-from sim.traffic import EMERGENCY, PERIOD, Traffic
+from sim.traffic import PERIOD, Traffic
 from vehicle_model.car.errors import BadInput
 from vehicle_model.car.parameters import Car
 from vehicle_model.car.randomness import generator
@@ -51,6 +51,11 @@ ALARMING = 1.5
 """m/s2 of needed braking that makes him look up from the display: brake lights in the corner of the eye."""
 STOP_SHORT = 1.0
 """m before a signal's line where he stops."""
+STOPPING = 3.0
+"""m/s2: a light that turns yellow is driven through where stopping would take more. The yellow phases of the network
+are as long as that asks for (netconvert's `tls.yellow.min-decel`)."""
+LEAST_ROOM = 0.3
+"""m to a line below which the braking that is needed is not computed any more."""
 WARNED_TIME = 3.5
 """s to collision at which the device of an advised driver warns of the car in front."""
 WARNED_BRAKING = 1.2
@@ -266,6 +271,7 @@ def _run(
         if not traffic.begin(EGO_DEPART + 120.0):
             raise BadInput(scenario.source or scenario.name, "traffic.vehicles", "so many that the ego finds no place")
         signal_before: tuple[float, str] = (math.inf, "")
+        stopping = False
         while traffic.time < horizon:
             now = plant.time
             speed, place = plant.speed, plant.distance
@@ -273,7 +279,7 @@ def _run(
             light, state = traffic.signal()
             index = min(int(place + 0.5), len(cap) - 1)
             left = destination - place
-            stopping = _must_stop(state, light, speed)
+            stopping = _must_stop(state, light, speed, stopping and light <= signal_before[0] + 1.0)
             wish = _safe_wish(traffic, style, speed, name, gap, leader_speed, light if stopping else math.inf, left)
             wanted = free_acceleration(style, speed, float(own_cap[min(index + int(0.5 * speed), len(cap) - 1)]))
             wanted = min(wanted, (float(own_cap[index]) - speed) / 0.5 if speed > cap[index] else math.inf)
@@ -371,11 +377,11 @@ def _compliance(tally: _Tally, display: Display | None) -> Compliance:
     )
 
 
-def _must_stop(state: str, distance: float, speed: float) -> bool:
-    """Whether the signal asks to stop: red, or yellow that can be obeyed."""
+def _must_stop(state: str, distance: float, speed: float, stopping: bool) -> bool:
+    """Whether the signal asks to stop: red, or yellow that can be obeyed or that he is `stopping` for."""
     if state in ("r", "u"):
         return True
-    return state in ("y", "Y") and speed**2 / (2.0 * EMERGENCY) < distance
+    return state in ("y", "Y") and (stopping or speed**2 / (2.0 * STOPPING) < distance - STOP_SHORT)
 
 
 def _colour(state: str) -> str:
@@ -397,15 +403,21 @@ def _safe_wish(
             brisk = traffic.follow_speed(speed, gap, leader, leader_speed, traffic.released)
             follow = brisk + closing * (follow - brisk)
         allowed = (follow - speed) / PERIOD
+    planned = traffic.planned_acceleration()
     if stop < math.inf:
-        allowed = min(allowed, (traffic.stop_speed(speed, stop - STOP_SHORT, style.acceleration) - speed) / PERIOD)
+        # The model brakes ever harder than needed where a place to stop appears late: a person brakes evenly.
+        needed = -(speed**2) / (2.0 * max(stop - STOP_SHORT, LEAST_ROOM))
+        evenly = min(needed, -style.deceleration)
+        modelled = (traffic.stop_speed(speed, stop - STOP_SHORT, style.acceleration) - speed) / PERIOD
+        allowed = min(allowed, max(modelled, evenly))
+        planned = max(planned, evenly)  # SUMO's own plan, at the same line
     if left < 30.0 + speed * speed / (2.0 * 1.0):
         allowed = min(allowed, _halt(speed, left - 1.5))
     if speed < 1.5:
         may, gap_to_line = traffic.may_enter(8.0)
         if not may:
             allowed = min(allowed, _halt(speed, gap_to_line - STOP_SHORT))
-    return min(allowed, traffic.planned_acceleration())
+    return min(allowed, planned)
 
 
 def _warned(speed: float, gap: float, leader_speed: float) -> float:

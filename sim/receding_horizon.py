@@ -16,7 +16,7 @@ import numpy as np
 
 from controller.advice import Advice, RoadAhead
 from controller.drive_table import DriveTable, drive_table
-from controller.route import plan_route
+from controller.route import Comfort, plan_route
 from sim.advisor import Context, Suggestion, View
 from vehicle_model.car.errors import BadInput
 
@@ -41,6 +41,7 @@ GREEN = 40.0
 turns, which costs as long a wait, idling, and the speed."""
 KEPT = 0.3
 """Share of the kinetic energy at a red signal's line that counts: it may turn green in time."""
+COMFORT = Comfort()
 ROLLING = 60.0
 """N of planned braking below which the advice is to let it roll."""
 
@@ -81,6 +82,8 @@ class RecedingHorizon:
         plan = self._plan
         acceleration, gear, costate = plan.action(view.distance, view.speed)
         acceleration = min(acceleration, (self._pace - view.speed) / CATCH_UP)
+        # Where the grid or a leader's change of speed asks for more than was planned, the driver's own eyes do.
+        acceleration = max(acceleration, -COMFORT.braking)
         k = int(np.clip(np.searchsorted(plan.s, view.distance, side="right") - 1, 0, len(plan.s) - 1))
         near = abs(plan.speed[k] - view.speed) < 1.0
         rolls = near and bool(plan.coasting[k]) and plan.brake_force[k] < ROLLING and acceleration < 0.0

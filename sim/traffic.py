@@ -21,8 +21,6 @@ MIRROR_TOLERANCE = 1e-6
 """m and m/s: plant and mirror agree to this, or the drive is void."""
 SIGHT = 150.0
 """m ahead that a driver looks for signals."""
-EMERGENCY = 3.5
-"""m/s2: a yellow light that would take more is driven through."""
 
 
 class MirrorError(RuntimeError):

@@ -9,6 +9,7 @@ import pytest
 from controller.advice import RoadAhead
 from sim import advisors
 from sim.advisor import Context, View
+from sim.receding_horizon import COMFORT
 from sim.truth import true_fuel_map
 from vehicle_model.car.errors import BadInput
 from vehicle_model.car.parameters import Car
@@ -67,6 +68,19 @@ def test_the_receding_horizon_slows_down_ahead_of_the_lower_limit_and_its_costat
     assert told is not None and told.acceleration < -0.3
     cruising = advisor.advise(view(distance=300.0, speed=11.0, time=90.0, destination_distance=1690.0))
     assert cruising is not None and cruising.costate > 0.0
+
+
+def test_the_receding_horizon_asks_for_no_hard_braking_behind_a_leader_who_stops(context: Context) -> None:
+    """Given a leader close by whose speed falls fast, then the arrow asks for planned braking; the rest he sees."""
+    advisor = advisors.make("pontryagin", context)
+    advisor.reset()
+    told = []
+    for k in range(40):
+        seen = view(time=60.0 + 0.1 * k, speed=6.5, gear=3, leader_gap=16.0, leader_speed=max(5.0 - 0.13 * k, 0.0))
+        told.append(advisor.advise(seen))
+    given = [suggestion.acceleration for suggestion in told if suggestion is not None]
+    assert min(given) < -0.5
+    assert min(given) >= -COMFORT.braking
 
 
 def test_dearer_time_asks_for_a_stronger_launch(context: Context) -> None:

@@ -5,7 +5,7 @@ import pytest
 
 from scenarios import files
 from sim.advisor import Suggestion, View
-from sim.display import ARROW_DWELL, GEAR_DWELL, URGENT, Display
+from sim.display import ARROW_DWELL, BRAKING, GEAR_DWELL, URGENT, Display
 from sim.drive import WALKING, WARNED_TIME, _warned, drive
 from sim.network import Network
 from vehicle_model.car.parameters import Car
@@ -54,6 +54,12 @@ def test_what_is_acted_upon_never_contradicts_the_arrow() -> None:
         assert told is not None
         assert np.sign(told.acceleration) in (0, np.sign(a))
         assert a > -0.5 or told.acceleration == a, "braking is passed on as it is"
+
+
+def test_an_arrow_makes_nobody_brake_hard() -> None:
+    """Given a plan that asks for an emergency braking, then the arrow says: down. What is urgent, the road shows."""
+    (braking,) = shown(Display(0.1), [-4.2], [3])
+    assert braking.acceleration == -BRAKING
 
 
 def test_the_gear_on_show_rests_while_slowing_down() -> None:
