@@ -14,6 +14,7 @@ and g is nothing: nothing changes.
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 NONE = 1.0e12
 """Cost of holding a speed that cannot be held, J/m: there is no line."""
@@ -23,18 +24,32 @@ SLOWEST = 12.5
 """m2/s2: below 5 m/s the car is starting or stopping, and no line is drawn."""
 
 
-@njit(cache=True, error_model="numpy")
-def hold_lines(energy_step, fuel, low, high, coast_force, coast_fuel):
+def hold_lines(
+    energy_step: float,
+    fuel: NDArray[np.float64],
+    low: NDArray[np.float64],
+    high: NDArray[np.float64],
+    coast_force: NDArray[np.float64],
+    coast_fuel: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], ...]:
     """Tabulate c* and the slope of its hull over thrust, row by row of a `DriveTable`.
 
     `fuel` (G, R, L) J/m between `low` and `high` (G, R) N; rolling burns `coast_fuel` (R,) at `coast_force` (R,) N.
     Returns the first thrust (R,) N, the spacing (R,) N, c* (R, POINTS) J/m, the slope (R, POINTS - 1) J/m per N and
     the depth of the dent (R, POINTS) J/m.
     """
-    gears, rows, levels = fuel.shape
+    rows = fuel.shape[1]
     first, width = np.zeros(rows), np.ones(rows)
     cost, slope, depth = np.full((rows, POINTS), NONE), np.zeros((rows, POINTS - 1)), np.zeros((rows, POINTS))
     kept = np.empty(POINTS, np.int64)
+    _fill(energy_step, fuel, low, high, coast_force, coast_fuel, first, width, cost, slope, depth, kept)
+    return first, width, cost, slope, depth
+
+
+@njit(cache=True, error_model="numpy", no_cfunc_wrapper=True)
+def _fill(energy_step, fuel, low, high, coast_force, coast_fuel, first, width, cost, slope, depth, kept):
+    """The loops of `hold_lines`: arrays that numpy makes need not be compiled. `kept` (POINTS,) is working room."""
+    gears, rows, levels = fuel.shape
     for r in range(rows):
         if 0.5 * r * energy_step < SLOWEST:
             continue
@@ -75,4 +90,3 @@ def hold_lines(energy_step, fuel, low, high, coast_force, coast_fuel):
             for q in range(a, b):
                 slope[r, q] = (cost[r, b] - cost[r, a]) / ((b - a) * width[r])
                 depth[r, q] = cost[r, q] - cost[r, a] - (q - a) * width[r] * slope[r, q]
-    return first, width, cost, slope, depth

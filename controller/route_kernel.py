@@ -19,15 +19,19 @@ BIG = 1.0e12
 IMPOSSIBLE = 1.0e11
 PANIC = 10.0
 """Price of braking harder than planned braking allows, J per J of excess kinetic energy."""
+# What compiles fast matters: the first run waits for it. INNER has no way in from Python, where calling it would crash;
+# loops stand for what numpy would do in a line, because each numpy function is compiled too.
+ENTRY = {"cache": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+INNER = {"error_model": "numpy", "no_cfunc_wrapper": True, "no_cpython_wrapper": True}
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def node_energy(i, count, top, step):
     """E of node i at a place with `count` nodes and limit `top`, m2/s2."""
     return top if i == count - 1 else i * step
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def value_at(value, energy, lowest, beyond, count, top, step):
     """Interpolate one gear's value (n,), kept for nodes `lowest` to `beyond` (excluded), at `energy`; BIG outside."""
     if energy >= top:
@@ -41,7 +45,7 @@ def value_at(value, energy, lowest, beyond, count, top, step):
     return value[i - lowest] + share * (value[i + 1 - lowest] - value[i - lowest])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**ENTRY)
 def interval_time(energy, target, ds, slow_speed, slow_price):
     """Return seconds over `ds` and the price, J, of being slower than courtesy asks. Constant acceleration."""
     mean = 0.5 * (np.sqrt(2.0 * energy) + np.sqrt(2.0 * target))
@@ -52,7 +56,7 @@ def interval_time(energy, target, ds, slow_speed, slow_price):
     return dt, dawdled
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**ENTRY)
 def hold_line(hold_first, hold_width, hold_cost, hold_slope, hold_depth, row, load):
     """The line of `hold_lines` where thrust `load` holds the speed of `row`: (c*, m, g); (-BIG, 0, 0) for none."""
     points = hold_cost.shape[1]
@@ -69,7 +73,7 @@ def hold_line(hold_first, hold_width, hold_cost, hold_slope, hold_depth, row, lo
     return here + (x - q) * (there - here), hold_slope[row, q], depth
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**ENTRY)
 def sweep(
     ds, grade_force, top, lowest, beyond, count, slow_speed, step, drag, mass, fuel, low,
     high, coast_force, coast_fuel, coast_mass, time_value, shift_price, restart_price, slow_price, up, down,
@@ -85,16 +89,20 @@ def sweep(
     where pulse and glide is allowed.
     """
     gears, rows, levels = fuel.shape
-    n = np.max(count)
+    n = count[0]
+    for k in range(len(ds)):
+        n = max(n, count[k + 1])
     best = np.empty(gears + 1)
-    speed = np.sqrt(2.0 * step * np.arange(n))
-    per_force = np.zeros((gears, rows))
+    speed, cost, accelerations, road, line = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    for i in range(n):
+        speed[i] = np.sqrt(2.0 * step * i)
+    per_force = np.empty((gears, rows))
     for g in range(gears):
         for r in range(rows):
-            if high[g, r] > 0.0:
-                per_force[g, r] = (levels - 1) / (high[g, r] - low[g, r])
-    cost, accelerations, road, line = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    base, lean, bend = np.full(rows, -BIG), np.zeros(rows), np.zeros(rows)
+            per_force[g, r] = (levels - 1) / (high[g, r] - low[g, r]) if high[g, r] > 0.0 else 0.0
+    base, lean, bend = np.empty(rows), np.empty(rows), np.empty(rows)
+    for r in range(rows):
+        base[r], lean[r], bend[r] = -BIG, 0.0, 0.0
     row_of = np.empty(n, np.int64)
     for k in range(len(ds) - 1, -1, -1):
         d = ds[k]
@@ -111,7 +119,8 @@ def sweep(
         for i in range(lowest[k], beyond[k]):
             energy = node_energy(i, count[k], top[k], step)
             v = speed[i] if i < count[k] - 1 else np.sqrt(2.0 * energy)
-            best[:] = BIG
+            for g in range(gears + 1):
+                best[g] = BIG
             start = min(int(2.0 * energy / step + 0.5), rows - 1)
             first = min(max(int(np.ceil((energy - down * d) / step)), floor), ceiling - 1)
             last = ceiling - 1
@@ -173,21 +182,21 @@ def sweep(
                 total += value_at(ahead[0], rolled, floor, ceiling, count_next, top_next, step)
                 if total < best[0]:
                     best[0] = total
-            settle(best, shift_price, restart_price, value[k, :, i - lowest[k]])
+            settle(best, shift_price, restart_price, value, k, i - lowest[k])
 
 
-@njit(cache=True, error_model="numpy")
-def settle(best, shift_price, restart_price, value):
+@njit(**INNER)
+def settle(best, shift_price, restart_price, value, k, place):
     """V of each incoming gear from W of each chosen one; gear 0 (off the throttle) is entered free of charge."""
-    cheapest = np.min(best[1:])
-    for g in range(len(best)):
-        if g == 0:
-            value[0] = min(best[0], cheapest + restart_price)
-        else:
-            value[g] = min(min(best[g], cheapest + shift_price), best[0])
+    cheapest = best[1]
+    for g in range(2, best.size):
+        cheapest = min(cheapest, best[g])
+    value[k, 0, place] = min(best[0], cheapest + restart_price)
+    for g in range(1, best.size):
+        value[k, g, place] = min(min(best[g], cheapest + shift_price), best[0])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**ENTRY)
 def table_fuel(fuel, low, high, g, place, force):
     """Fuel per metre between rows (`place` = 2 E / step), J/m; BIG outside the engine's range."""
     levels = fuel.shape[2]
@@ -213,7 +222,7 @@ def table_fuel(fuel, low, high, g, place, force):
     return burnt
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**ENTRY)
 def best_action(
     energy, gear, k, ds, grade_force, top, lowest, beyond, count, slow_speed, step, drag, mass, fuel, low,
     high, coast_force, coast_fuel, coast_mass, time_value, shift_price, restart_price, slow_price, up, down,
@@ -284,7 +293,7 @@ def best_action(
     return answer_cost, answer_energy, answer_gear, answer_fuel
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def slope(value, energy, lowest, beyond, count, top, step):
     """-dV/dE, J per m2/s2, by a central difference of one node's width, never negative, finite nodes only."""
     high = min(energy + step, top)
@@ -296,7 +305,7 @@ def slope(value, energy, lowest, beyond, count, top, step):
     return max((lower - upper) / (high - low), 0.0)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**ENTRY)
 def act(
     places, energies, coming, chained, ds, grade_force, top, lowest, beyond, count, slow_speed, step, drag, mass, fuel,
     low, high, coast_force, coast_fuel, coast_mass, time_value, shift_price, restart_price, slow_price, up,

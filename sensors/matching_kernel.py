@@ -22,15 +22,18 @@ COUNT, LAST_T, LAST_D, SPEED, OFFSET, OFFSET_T, RING_AT, LAST_LINK, LAST_POINT, 
 STATE = 16
 RING = 256
 OUTPUT = 11
+# What compiles fast matters: the first run waits for it. INNER has no way in from Python, where calling it would crash.
+ENTRY = {"cache": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+INNER = {"error_model": "numpy", "no_cfunc_wrapper": True, "no_cpython_wrapper": True}
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def _copy(hyp, source, target):
     for column in range(HYPOTHESIS):
         hyp[target, column] = hyp[source, column]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def _segment(link, s, start, ps):
     """Index of the point at which the segment that holds `s` begins."""
     low, high = start[link], start[link + 1] - 2
@@ -43,7 +46,7 @@ def _segment(link, s, start, ps):
     return low
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def _point(link, backwards, u, start, pn, pe, ps, place):
     """Put north, east and the unit vector of travel at `u` on `link` into `place` (4,); straight on beyond ends."""
     length = ps[start[link + 1] - 1]
@@ -57,7 +60,7 @@ def _point(link, backwards, u, start, pn, pe, ps, place):
     place[2], place[3] = sign * tn, sign * te
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def _first_ahead(link, backwards, u, ostart, os, length):
     """Number of observation points of `link`, in the order of travel, that lie at or behind `u`."""
     count = 0
@@ -68,7 +71,7 @@ def _first_ahead(link, backwards, u, ostart, os, length):
     return count
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def _add(hyp, count, link, backwards, u, variance, weight, passed, cost, fixes):
     """Add a hypothesis, in the place of the least likely one if need be; return the new count."""
     slot = count
@@ -92,7 +95,7 @@ def _add(hyp, count, link, backwards, u, variance, weight, passed, cost, fixes):
     return count
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**ENTRY)
 def nearby(north, east, radius, grid, gstart, gseg, seg_link, start, pn, pe, ps, found, limit):
     """Find, for each link with a point within `radius` of a place, its nearest one.
 
@@ -135,19 +138,19 @@ def nearby(north, east, radius, grid, gstart, gseg, seg_link, start, pn, pe, ps,
     return count
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def _wrap(angle):
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
 
 
-@njit(cache=True, error_model="numpy")
-def _move(hyp, count, distance, start, ps, link_ends, jstart, jlink, jend, ostart, os):
+@njit(**INNER)
+def _move(hyp, count, distance, start, ps, link_ends, jstart, jlink, jend):
     """Move all hypotheses on by `distance`; branch at junctions. Returns the new count."""
     for k in range(count):
         hyp[k, U] += distance
         # Odometer: 0.5 % of the way that was gone, as if independent every 50 m.
         hyp[k, VARIANCE] += 0.00125 * distance
-    k = 0
+    k = np.int64(0)
     guard = 0
     while k < count and guard < 200:
         guard += 1
@@ -187,17 +190,17 @@ def _move(hyp, count, distance, start, ps, link_ends, jstart, jlink, jend, ostar
     return count
 
 
-@njit(cache=True, error_model="numpy")
-def _prune(hyp, count, start, pn, pe, ps, place, other):
+@njit(**INNER)
+def _prune(hyp, count):
     """Drop hypotheses that are far less likely than the best, and copies; returns (count, best)."""
     if count == 0:
         return 0, -1
-    best = 0
+    best = np.int64(0)
     for k in range(1, count):
         if hyp[k, WEIGHT] > hyp[best, WEIGHT]:
             best = k
     top = hyp[best, WEIGHT]
-    keep = 0
+    keep = np.int64(0)
     for k in range(count):
         good = hyp[k, WEIGHT] > top - 6.0
         if good:
@@ -212,7 +215,7 @@ def _prune(hyp, count, start, pn, pe, ps, place, other):
             if keep != k:
                 _copy(hyp, k, keep)
             keep += 1
-    best = 0
+    best = np.int64(0)
     for k in range(keep):
         hyp[k, WEIGHT] -= top
         if hyp[k, WEIGHT] > hyp[best, WEIGHT]:
@@ -220,7 +223,7 @@ def _prune(hyp, count, start, pn, pe, ps, place, other):
     return keep, best
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def _share(hyp, count, best, start, pn, pe, ps, place, other):
     """Probability of the best hypothesis, with those that mean the same place and direction."""
     _point(int(hyp[best, LINK]), hyp[best, BACKWARDS], hyp[best, U], start, pn, pe, ps, place)
@@ -237,7 +240,7 @@ def _share(hyp, count, best, start, pn, pe, ps, place, other):
     return agreed / total
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**ENTRY)
 def match(events, state, hyp, ring, start, pn, pe, ps, seg_link, link_ends, jstart, jlink, jend, ostart, os, oheading,
           oaltitude, ostraight, ograde, osigma, grid, gstart, gseg, lag, altitude_sigma, out):  # fmt: skip
     """Follow `events` (n, 8), in the order of arrival, and write what is passed into `out` (m, OUTPUT).
@@ -259,7 +262,7 @@ def match(events, state, hyp, ring, start, pn, pe, ps, seg_link, link_ends, jsta
             if distance > 0.0 and elapsed > 0.0:
                 if elapsed < 2.0:
                     state[SPEED] += 0.3 * (distance / elapsed - state[SPEED])
-                count = _move(hyp, count, distance, start, ps, link_ends, jstart, jlink, jend, ostart, os)
+                count = _move(hyp, count, distance, start, ps, link_ends, jstart, jlink, jend)
             state[LAST_D] = events[e, 2]
             state[LAST_T] = t
             at = int(state[RING_AT])
@@ -268,8 +271,7 @@ def match(events, state, hyp, ring, start, pn, pe, ps, seg_link, link_ends, jsta
             if count == 0:
                 continue
             if count > 1:
-                count, best = _prune(hyp, count, start, pn, pe, ps, place, other)
-            best = 0
+                count, best = _prune(hyp, count)
         else:
             north, east, utc = events[e, 2], events[e, 3], events[e, 4]
             speed, course, hdop = events[e, 5], events[e, 6], events[e, 7]
@@ -306,15 +308,15 @@ def match(events, state, hyp, ring, start, pn, pe, ps, seg_link, link_ends, jsta
                 step = min(max(forward, -3.0 * math.sqrt(total)), 3.0 * math.sqrt(total))
                 hyp[k, U] = max(hyp[k, U] + gain * step, 0.0)
                 hyp[k, VARIANCE] = max((1.0 - gain) * hyp[k, VARIANCE], 1.0)
-            keep = 0
+            keep = np.int64(0)
             for k in range(count):
                 if hyp[k, COST] < 14.0:
                     if keep != k:
                         _copy(hyp, k, keep)
                     keep += 1
             count = keep
-            count = _move(hyp, count, 0.0, start, ps, link_ends, jstart, jlink, jend, ostart, os)
-            count, best = _prune(hyp, count, start, pn, pe, ps, place, other)
+            count = _move(hyp, count, 0.0, start, ps, link_ends, jstart, jlink, jend)
+            count, best = _prune(hyp, count)
             doubtful = count == 0 or (hyp[best, COST] > 5.0 and t - state[LAST_SPAWN] > 3.0)
             if doubtful and moving:
                 state[LAST_SPAWN] = t
@@ -331,13 +333,13 @@ def match(events, state, hyp, ring, start, pn, pe, ps, seg_link, link_ends, jsta
                     length = ps[start[link + 1] - 1]
                     u = length - found[k, 1] if backwards > 0 else found[k, 1]
                     weight = -0.5 * (found[k, 2] / sigma) ** 2 - (3.0 if count > 0 else 0.0)
-                    passed = _first_ahead(link, backwards, u, ostart, os, length)
+                    passed = float(_first_ahead(link, backwards, u, ostart, os, length))
                     count = _add(hyp, count, link, backwards, u, along, weight, passed, 2.0, 0.0)
-                count, best = _prune(hyp, count, start, pn, pe, ps, place, other)
+                count, best = _prune(hyp, count)
             if count == 0:
                 continue
         # What has been passed?
-        best = 0
+        best = np.int64(0)
         for k in range(1, count):
             if hyp[k, WEIGHT] > hyp[best, WEIGHT]:
                 best = k
@@ -381,7 +383,7 @@ def match(events, state, hyp, ring, start, pn, pe, ps, seg_link, link_ends, jsta
     return written
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def _distance_at(ring, at, t, newest):
     """Odometer's distance at logger time `t` from the ring of its newest readings; `newest` where it is not known."""
     later_t, later_d = math.nan, newest
@@ -398,7 +400,7 @@ def _distance_at(ring, at, t, newest):
     return later_d
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**ENTRY)
 def fill_grid(segments, pn, pe, grid, counts, gstart, gseg):
     """Sort segments into the cells that their boxes touch. First pass (gseg empty): counts; second: fills."""
     size, rows, columns = grid[2], int(grid[3]), int(grid[4])

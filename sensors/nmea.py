@@ -1,7 +1,7 @@
 """NMEA 0183 as the receiver speaks it: GGA, GSA and RMC (seed 004, C.1.5.3).
 
-Compiled kernels write and read the sentences that make up nearly all of a log; whatever does not look exactly
-like them is given to pynmeagps, which is also what the tests compare the kernels with.
+Compiled kernels read the sentences that make up nearly all of a log; whatever does not look exactly like them is given
+to pynmeagps, which is also what the tests compare writer and kernels with.
 """
 
 import datetime
@@ -12,6 +12,7 @@ import pynmeagps
 from numpy.typing import NDArray
 
 from sensors import nmea_kernels as kernels
+from sensors.nmea_text import write_epochs
 
 FIX = np.dtype(
     [
@@ -28,10 +29,6 @@ FIX = np.dtype(
 )
 """A fix: s since 1970; deg; m above sea level; speed m/s; course rad. NaN where the receiver said nothing."""
 
-_TEXTS = (b"$GPGGA,", b",M,47.0,M,,", b",,,,0,00,99.9,,,,,,", b"$GPGSA,A,", b"$GPRMC,", b",,,A", b"V,,,,,,,", b",,,N")
-_HEADS = np.frombuffer(b"".join(_TEXTS), dtype=np.uint8)
-_CUTS = np.concatenate(([0], np.cumsum([len(text) for text in _TEXTS]))).astype(np.int64)
-
 
 def write(fixes: NDArray, gsa: NDArray[np.bool_]) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
     """Write one GGA and one RMC per fix, and a GSA between them where `gsa` (n,) says so.
@@ -45,18 +42,15 @@ def write(fixes: NDArray, gsa: NDArray[np.bool_]) -> tuple[NDArray[np.uint8], ND
     month = months.astype(np.int64) % 12 + 1
     day = (days - months.astype("datetime64[D]")).astype(np.int64) + 1
     date = day * 10_000 + month * 100 + year % 100
-    out = np.empty(fixes.size * 260, dtype=np.uint8)
-    ends = np.empty(fixes.size, dtype=np.int64)
     latitude, longitude, altitude, hdop = (
         np.nan_to_num(fixes[name].astype(np.float64)) for name in ("latitude", "longitude", "altitude", "hdop")
     )
     course = np.degrees(np.nan_to_num(fixes["course"])) % 360.0
-    length = kernels.write_epochs(
+    return write_epochs(
         hundredths % 8_640_000, date, latitude, longitude, altitude, hdop,
         fixes["quality"].astype(np.int64), fixes["satellites"].astype(np.int64),
-        np.nan_to_num(fixes["speed"].astype(np.float64)), course, gsa, _HEADS, _CUTS, out, ends,
+        np.nan_to_num(fixes["speed"].astype(np.float64)), course, gsa,
     )  # fmt: skip
-    return out[:length], ends
 
 
 def _fresh_state() -> NDArray[np.float64]:

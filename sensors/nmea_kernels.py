@@ -1,6 +1,8 @@
-"""Compiled writing and reading of NMEA sentences GGA, RMC and GSA. Flat arrays in, flat arrays out.
+"""Compiled reading of NMEA sentences GGA and RMC. Flat arrays in, flat arrays out.
 
-`sensors.nmea` is the readable side; pynmeagps is the reference that the tests hold these kernels to.
+`sensors.nmea` is the readable side; pynmeagps is the reference that the tests hold these kernels to. What compiles fast
+matters here: the first run waits for it. So names with an underscore have no way in from Python, where calling them
+would crash, and counters begin as int64, not as the literal 0, which would compile their users once more.
 """
 
 import numpy as np
@@ -10,159 +12,14 @@ GGA, RMC = 0, 1
 GOOD, UNSURE = 0, 1
 LONGEST = 120
 MAX_FIELDS = 24
-DOLLAR, STAR, COMMA, POINT, ZERO = 36, 42, 44, 46, 48
+DOLLAR, STAR, COMMA, POINT = 36, 42, 44, 46
 KNOT = 1852.0 / 3600.0
 DAY = 86400.0
+ENTRY = {"cache": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+INNER = {"error_model": "numpy", "no_cfunc_wrapper": True, "no_cpython_wrapper": True}
 
 
-@njit(cache=True, error_model="numpy")
-def _put(out, at, value, width):
-    """Write the digits of a non-negative integer, padded with zeros to `width`; return the next place."""
-    digits = 1
-    power = np.int64(10)
-    while value >= power:
-        digits += 1
-        power *= 10
-    size = max(digits, width)
-    for i in range(size):
-        out[at + size - 1 - i] = ZERO + value % 10
-        value //= 10
-    return at + size
-
-
-@njit(cache=True, error_model="numpy")
-def _put_decimal(out, at, value, width, decimals):
-    """Write `value` with `decimals` digits behind the point and at least `width` before it."""
-    if value < 0:
-        out[at] = 45
-        at += 1
-        value = -value
-    scale = np.int64(100) if decimals == 2 else np.int64(10)
-    scaled = np.int64(np.floor(value * scale + 0.5))
-    at = _put(out, at, scaled // scale, width)
-    out[at] = POINT
-    return _put(out, at + 1, scaled % scale, decimals)
-
-
-@njit(cache=True, error_model="numpy")
-def _put_text(out, at, text, begin, end):
-    for i in range(begin, end):
-        out[at + i - begin] = text[i]
-    return at + end - begin
-
-
-@njit(cache=True, error_model="numpy")
-def _put_angle(out, at, value, width, positive, negative):
-    """Write an angle in degrees as ddmm.mmmmm,N,"""
-    side = positive if value >= 0 else negative
-    units = np.int64(np.floor(abs(value) * 6_000_000.0 + 0.5))
-    at = _put(out, at, units // 6_000_000, width)
-    minutes = units % 6_000_000
-    at = _put(out, at, minutes // 100_000, 2)
-    out[at] = POINT
-    at = _put(out, at + 1, minutes % 100_000, 5)
-    out[at] = COMMA
-    out[at + 1] = side
-    out[at + 2] = COMMA
-    return at + 3
-
-
-@njit(cache=True, error_model="numpy")
-def _put_time(out, at, hundredths):
-    seconds = hundredths // 100
-    at = _put(out, at, seconds // 3600, 2)
-    at = _put(out, at, seconds // 60 % 60, 2)
-    at = _put(out, at, seconds % 60, 2)
-    out[at] = POINT
-    at = _put(out, at + 1, hundredths % 100, 2)
-    out[at] = COMMA
-    return at + 1
-
-
-@njit(cache=True, error_model="numpy")
-def _close(out, begin, at):
-    """Write the sentence's check and line end behind [begin, at)."""
-    check = 0
-    for i in range(begin + 1, at):
-        check ^= out[i]
-    out[at] = STAR
-    for i in range(2):
-        digit = (check >> 4) if i == 0 else (check & 15)
-        out[at + 1 + i] = ZERO + digit if digit < 10 else 55 + digit
-    out[at + 3] = 13
-    out[at + 4] = 10
-    return at + 5
-
-
-@njit(cache=True, error_model="numpy")
-def write_epochs(hundredths, date, latitude, longitude, altitude, hdop, quality, satellites, speed, course, gsa, heads,
-                 cuts, out, ends):  # fmt: skip
-    """Write GGA and RMC (and GSA where `gsa`) of every epoch into `out`; `ends[i]` is where epoch i ends.
-
-    `hundredths` of a second of the day (int64), `date` as ddmmyy (int64), deg, m, speed m/s, course deg; quality 0
-    leaves the fields empty. `heads` (uint8): the fixed texts of the sentences, cut at `cuts`. Returns the length.
-    """
-    at = 0
-    for i in range(hundredths.size):
-        fix = quality[i] > 0
-        begin = at
-        at = _put_text(out, at, heads, cuts[0], cuts[1])
-        at = _put_time(out, at, hundredths[i])
-        if fix:
-            at = _put_angle(out, at, latitude[i], 2, 78, 83)
-            at = _put_angle(out, at, longitude[i], 3, 69, 87)
-            at = _put(out, at, quality[i], 1)
-            out[at] = COMMA
-            at = _put(out, at + 1, satellites[i], 2)
-            out[at] = COMMA
-            at = _put_decimal(out, at + 1, hdop[i], 1, 1)
-            out[at] = COMMA
-            at = _put_decimal(out, at + 1, altitude[i], 1, 1)
-            at = _put_text(out, at, heads, cuts[1], cuts[2])
-        else:
-            at = _put_text(out, at, heads, cuts[2], cuts[3])
-        at = _close(out, begin, at)
-        if gsa[i]:
-            begin = at
-            at = _put_text(out, at, heads, cuts[3], cuts[4])
-            out[at] = ZERO + (3 if fix else 1)
-            out[at + 1] = COMMA
-            at += 2
-            for k in range(12):
-                if fix and k < satellites[i]:
-                    at = _put(out, at, 2 * k + 1, 2)
-                out[at] = COMMA
-                at += 1
-            for k in range(3):
-                at = _put_decimal(out, at, hdop[i] * (1.6 - 0.6 * k + 0.425 * k * (k - 1)), 1, 1)
-                if k < 2:
-                    out[at] = COMMA
-                    at += 1
-            at = _close(out, begin, at)
-        begin = at
-        at = _put_text(out, at, heads, cuts[4], cuts[5])
-        at = _put_time(out, at, hundredths[i])
-        if fix:
-            out[at] = 65
-            out[at + 1] = COMMA
-            at = _put_angle(out, at + 2, latitude[i], 2, 78, 83)
-            at = _put_angle(out, at, longitude[i], 3, 69, 87)
-            at = _put_decimal(out, at, speed[i] / KNOT, 1, 2)
-            out[at] = COMMA
-            at = _put_decimal(out, at + 1, course[i], 1, 2)
-            out[at] = COMMA
-            at = _put(out, at + 1, date[i], 6)
-            at = _put_text(out, at, heads, cuts[5], cuts[6])
-        else:
-            at = _put_text(out, at, heads, cuts[6], cuts[7])
-            at = _put(out, at, date[i], 6)
-            at = _put_text(out, at, heads, cuts[7], cuts[8])
-        at = _close(out, begin, at)
-        ends[i] = at
-    return at
-
-
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def _hex(byte):
     if 48 <= byte <= 57:
         return byte - 48
@@ -173,7 +30,7 @@ def _hex(byte):
     return -1
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**ENTRY)
 def find_sentences(text, final, begins, ends, counters):
     """Find checked sentences in `text` (uint8): `begins[i]` is its $, `ends[i]` lies behind its check.
 
@@ -214,7 +71,7 @@ def find_sentences(text, final, begins, ends, counters):
     return found, at
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def _number(text, begin, end):
     """Return (value, well formed) of a decimal number without exponent."""
     value = 0.0
@@ -238,7 +95,7 @@ def _number(text, begin, end):
     return sign * value / scale, True
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def _angle(text, begin, end, side):
     """Return (degrees, well formed) of ddmm.mmmm and its hemisphere."""
     value, good = _number(text, begin, end)
@@ -252,7 +109,7 @@ def _angle(text, begin, end, side):
     return angle, (side == 78 or side == 69) and angle <= 180.0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def _clock(text, begin, end):
     """Return (seconds of the day, well formed) of hhmmss.ss."""
     value, good = _number(text, begin, end)
@@ -260,10 +117,10 @@ def _clock(text, begin, end):
     minutes = np.floor((value - hours * 10_000.0) / 100.0)
     seconds = value - hours * 10_000.0 - minutes * 100.0
     good = good and end - begin >= 6 and value >= 0 and hours < 24 and minutes < 60 and seconds < 61
-    return hours * 3600.0 + minutes * 60.0 + np.round(seconds * 1000.0) / 1000.0, good
+    return hours * 3600.0 + minutes * 60.0 + np.floor(seconds * 1000.0 + 0.5) / 1000.0, good
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def _days(day, month, year):
     """Days from 1970-01-01 to a date of the Gregorian calendar."""
     if month <= 2:
@@ -273,7 +130,7 @@ def _days(day, month, year):
     return era_days + (153 * (month - 3) + 2) // 5 + day - 1 - 719468
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**ENTRY)
 def read_sentences(text, begins, ends, count, kind, status, values):
     """Read the GGA and RMC among `count` sentences. Row i of `values` (float64, n x 9) becomes
 
@@ -345,7 +202,7 @@ def read_sentences(text, begins, ends, count, kind, status, values):
             status[row] = UNSURE
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**ENTRY)
 def join_epochs(kind, values, places, count, final, state, out, out_places):
     """Join the GGA and the RMC of one epoch to one fix.
 
@@ -354,7 +211,7 @@ def join_epochs(kind, values, places, count, final, state, out, out_places):
     6.. the nine values of GGA, 15.. those of RMC. Fills `out` (float64, n x 9): utc, latitude, longitude, altitude,
     hdop, quality, satellites, speed, course. Returns the number of fixes.
     """
-    found = 0
+    found = np.int64(0)
     for row in range(count + 1):
         last = row == count
         if last and not final:
@@ -378,7 +235,7 @@ def join_epochs(kind, values, places, count, final, state, out, out_places):
     return found
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def _emit(state, out, out_places, found):
     """Write the waiting epoch as fix `found` and clear it; return 1, or 0 where no date is known yet."""
     has_gga, has_rmc = state[0] > 0, state[1] > 0

@@ -1,6 +1,8 @@
 """Compiled scanning and packing of the box's packets (seed 004, C.1.4). Flat arrays in, flat arrays out.
 
-`sensors.packets` is the readable side; `sensors.packet_reference` is `scan` in plain Python, for the tests.
+`sensors.packets` is the readable side; `sensors.packet_reference` is `scan` in plain Python, for the tests. What
+compiles fast matters here: the first run waits for it. So names with an underscore have no way in from Python, where
+calling them would crash, and counters begin as int64, not as the literal 0, which would compile their users once more.
 """
 
 import numpy as np
@@ -14,9 +16,11 @@ PAYLOAD = np.array([0, 10, 0, 5, 6, 5, 10, 6], dtype=np.int64)
 # Places in the damage counters of `scan`.
 BAD_PREAMBLE, UNKNOWN_TYPE, BAD_LENGTH, BAD_CHECK, FALSE_PACKET, ZERO_RUN, TRUNCATED, BYTES_SKIPPED = range(8)
 COUNTERS = 8
+ENTRY = {"cache": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+INNER = {"error_model": "numpy", "no_cfunc_wrapper": True, "no_cpython_wrapper": True}
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def _header(data, at):
     """Return 0 where a packet's head stands whole and legal at `at`, else 1 + the kind of damage."""
     if data[at] != PREAMBLE:
@@ -32,7 +36,7 @@ def _header(data, at):
     return 0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def _check(data, at):
     """Tell whether the check byte of the packet at `at` is right: (length + payload bytes) mod 256."""
     end = at + 2 + data[at + 2]
@@ -42,7 +46,7 @@ def _check(data, at):
     return (total & 0xFF) == data[end]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def _follows(data, at, stop):
     """Tell whether `at` looks like what stands after a packet: a legal head, unwritten zeros or the end."""
     if at >= stop or data[at] == 0:
@@ -50,7 +54,7 @@ def _follows(data, at, stop):
     return at + 3 <= stop and _header(data, at) == 0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def _reads_as_text(data, at):
     """Tell whether the text packet at `at` holds only 7-bit characters, as NMEA does."""
     highest = 0
@@ -59,7 +63,7 @@ def _reads_as_text(data, at):
     return highest < 128
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def _ends_alike(data, at, end):
     """Tell whether a packet of fixed size inside the one at `at` ends where it ends: one check byte, right for both.
 
@@ -72,7 +76,7 @@ def _ends_alike(data, at, end):
     return False
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def _better(data, at, end, stop):
     """Tell whether valid packets that begin inside [at + 1, end) explain the bytes better than the one at `at`.
 
@@ -108,7 +112,7 @@ def _better(data, at, end, stop):
     return False
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def _shares_its_check(data, end, stop):
     """Tell whether the check at `end - 1` is also the preamble of a packet whose own preamble was lost.
 
@@ -122,7 +126,7 @@ def _shares_its_check(data, end, stop):
     return reach <= stop and _check(data, end - 1) and (PAYLOAD[data[end]] > 0 or _follows(data, reach, stop))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**ENTRY)
 def scan(data, final, in_step, zeros, starts, counters):
     """Find the packets in `data` (uint8, n).
 
@@ -132,8 +136,8 @@ def scan(data, final, in_step, zeros, starts, counters):
     COUNTERS). Returns (packets, bytes used, in_step, zeros); bytes not used must be given again with what follows.
     """
     stop = data.size
-    at = 0
-    found = 0
+    at = np.int64(0)
+    found = np.int64(0)
     while at < stop:
         if data[at] == 0:
             # Perhaps the unwritten tail of the file: damage only if something stands behind it.
@@ -185,19 +189,10 @@ def scan(data, final, in_step, zeros, starts, counters):
     return found, at, in_step, zeros
 
 
-@njit(cache=True, error_model="numpy")
-def gather(data, starts, chosen, size, out):
-    """Copy the payloads of `size` bytes of the packets `starts[chosen]` into the rows of `out` (uint8, m x size)."""
-    for row in range(chosen.size):
-        base = starts[chosen[row]] + 3
-        for column in range(size):
-            out[row, column] = data[base + column]
-
-
-@njit(cache=True, error_model="numpy")
+@njit(**ENTRY)
 def gather_text(data, starts, chosen, out, ends):
     """Join the texts of the packets `starts[chosen]` in `out`; `ends[i]` is where the i-th ends. Returns the length."""
-    length = 0
+    length = np.int64(0)
     for row in range(chosen.size):
         at = starts[chosen[row]]
         size = np.int64(data[at + 2]) - 1
@@ -208,14 +203,14 @@ def gather_text(data, starts, chosen, out, ends):
     return length
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**ENTRY)
 def pack(sequence, block, row, block_kind, block_start, lengths, payload, out):
     """Write packets into `out` (uint8) in the order of `sequence` (int64, n); return the bytes written.
 
     Packet i: type `block_kind[block[i]]`, payload `payload[row[i] : row[i] + lengths[i]]` behind
     `block_start[block[i]]`.
     """
-    at = 0
+    at = np.int64(0)
     for place in range(sequence.size):
         i = sequence[place]
         size = lengths[i]

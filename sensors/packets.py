@@ -20,6 +20,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from sensors import nmea
@@ -126,7 +127,8 @@ class Decoder:
     def feed(self, data: bytes | NDArray[np.uint8], final: bool = False) -> dict[str, NDArray]:
         """Return the streams (of STREAMS) that `data` completes; `final`: nothing follows."""
         piece = np.frombuffer(data, dtype=np.uint8) if isinstance(data, bytes | bytearray | memoryview) else data
-        buffer = np.concatenate((self._rest, piece)) if self._rest.size else piece
+        buffer = (np.concatenate((self._rest, piece)) if self._rest.size else piece).view()
+        buffer.flags.writeable = False  # as a file's bytes are: one type for the kernels, compiled once
         starts = np.empty(buffer.size // 5 + 1, dtype=np.int64)
         count, used, self._in_step, self._zeros = kernels.scan(
             buffer, final, self._in_step, self._zeros, starts, self._counters
@@ -140,8 +142,7 @@ class Decoder:
             if chosen.size == 0:
                 continue
             layout = LAYOUT[kind]
-            raw = np.empty((chosen.size, layout.itemsize), dtype=np.uint8)
-            kernels.gather(buffer, starts, chosen, layout.itemsize, raw)
+            raw = sliding_window_view(buffer, layout.itemsize)[starts[chosen] + 3]
             rows = raw.view(layout).reshape(-1)
             streams[name] = _to_stream(kind, rows, chosen + self._order)
             stamps[chosen] = streams[name]["t"]

@@ -9,6 +9,7 @@ Everything a kernel needs stands in this file, constants included: numba's cache
 
 import math
 
+import numpy as np
 from numba import njit
 
 TABLE = 96
@@ -112,13 +113,13 @@ P_RATIO = 92
 """p[P_RATIO + gear]: engine speed / wheel speed; neutral is 0."""
 P_LOSS = P_RATIO + MAX_GEARS + 1
 """p[P_LOSS + gear]: share of the torque that the gear loses."""
-P_FULL_LOAD = P_LOSS + MAX_GEARS + 1
+P_FULL_LOAD = np.int64(P_LOSS + MAX_GEARS + 1)  # no int: `_table` would be compiled for each literal
 """Tables over engine speed: full-load torque (N m), friction torque of the warm engine (N m), relative indicated
 efficiency, exhaust back pressure (Pa, gauge)."""
 P_FRICTION = P_FULL_LOAD + TABLE
 P_SPEED_EFFICIENCY = P_FRICTION + TABLE
 P_BACK_PRESSURE = P_SPEED_EFFICIENCY + TABLE
-PARAMETERS = P_BACK_PRESSURE + TABLE
+PARAMETERS = int(P_BACK_PRESSURE + TABLE)
 """Length of `p`."""
 
 # --- state: index of each in `x` -----------------------------------------------------------------------------
@@ -202,11 +203,15 @@ RECORD = (
 )
 COLUMNS = 18
 
+# What compiles fast matters: the first run waits for it. INNER has no way in from Python, where calling it would crash.
+ENTRY = {"cache": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+INNER = {"error_model": "numpy", "no_cfunc_wrapper": True, "no_cpython_wrapper": True}
+
 OPEN, SLIPPING, LOCKED = 0.0, 1.0, 2.0
 TWO_PI = 2.0 * math.pi
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _table(p, base, place):
     """Linear interpolation in the table at `base`; `place` in nodes, clamped."""
     place = min(max(place, 0.0), TABLE - 1.0)
@@ -215,7 +220,7 @@ def _table(p, base, place):
     return p[base + i] + share * (p[base + i + 1] - p[base + i])
 
 
-@njit(cache=True)
+@njit(**ENTRY)
 def indicated_torque(p, speed, shaft):
     """Indicated torque and pumping torque (N m): what carries `shaft` (brake + friction + accessories) and the pumping.
 
@@ -232,7 +237,7 @@ def indicated_torque(p, speed, shaft):
     return indicated, indicated - shaft
 
 
-@njit(cache=True)
+@njit(**INNER)
 def indicated_efficiency(p, speed, indicated):
     """Indicated work over fuel heat: compression, heat loss and burning over speed, residual gas, knock retard."""
     pressure = indicated / (p[P_TORQUE_PER_PRESSURE] * p[P_PRESSURE_GAIN] * p[P_AMBIENT_PRESSURE])
@@ -247,7 +252,7 @@ def indicated_efficiency(p, speed, indicated):
     )
 
 
-@njit(cache=True)
+@njit(**INNER)
 def mixture(p, speed, brake, full_load):
     """Fuel over what the indicated work needs: enrichment near full load, and the drifted place of the map."""
     excess = (brake / full_load - p[P_ENRICHMENT_LOAD]) / (1.0 - p[P_ENRICHMENT_LOAD])
@@ -258,11 +263,9 @@ def mixture(p, speed, brake, full_load):
     return rich * (1.0 + p[P_DRIFT] * bump * bump * bump)
 
 
-@njit(cache=True)
 def initial_state(p, x, speed, gear):
     """Fill `x` for a car at `speed` (m/s) in `gear`, engine running, thermostat at its start temperature."""
-    for k in range(STATES):
-        x[k] = 0.0
+    x[:] = 0.0
     radius = p[P_RADIUS] * (1.0 + p[P_RADIUS_GROWTH] * speed * speed)
     x[X_SPEED] = speed
     x[X_WHEEL_SPEED] = speed / radius
@@ -292,7 +295,7 @@ def initial_state(p, x, speed, gear):
     x[Y_VOLTAGE] = 14.1
 
 
-@njit(cache=True)
+@njit(**ENTRY)
 def step(p, x, force, gear_wanted, pitch, straightness, vertical, heading, dt):
     """Advance `x` by `dt` seconds with `force` (N at the wheels) and `gear_wanted` (0 neutral ...) commanded.
 
@@ -644,7 +647,7 @@ def step(p, x, force, gear_wanted, pitch, straightness, vertical, heading, dt):
         x[Y_VOLTAGE] = 12.3
 
 
-@njit(cache=True)
+@njit(**ENTRY)
 def write_row(x, row):
     """Copy the state into one row of the record (`RECORD`)."""
     row[0] = x[X_TIME]
@@ -667,7 +670,7 @@ def write_row(x, row):
     row[17] = x[Y_VOLTAGE]
 
 
-@njit(cache=True)
+@njit(**ENTRY)
 def advance(p, x, force, gear, road, start, nodes_per_metre, steps, dt, record, row):
     """Take `steps` steps of `dt` with a held command on `road` (n, 4: pitch, S_j, S_k, heading), rows from `row` on.
 
@@ -692,7 +695,7 @@ def advance(p, x, force, gear, road, start, nodes_per_metre, steps, dt, record, 
         write_row(x, record[row + k])
 
 
-@njit(cache=True)
+@njit(**ENTRY)
 def wheel_force_limits(p, x):
     """Steady wheel force (N) at full load and in overrun, in the present gear at the present speed; 0, 0 in neutral."""
     gear = int(x[X_GEAR])
@@ -705,7 +708,7 @@ def wheel_force_limits(p, x):
     return wheel_force_at(p, gear, ratio, speed)
 
 
-@njit(cache=True)
+@njit(**INNER)
 def wheel_force_at(p, gear, ratio, speed):
     """Steady wheel force (N) at full load and in overrun with the engine at `speed` (rad/s) in `gear` of `ratio`."""
     place = speed * p[P_TABLE_RATE]
@@ -723,7 +726,7 @@ def wheel_force_at(p, gear, ratio, speed):
     return lever * (1.0 - loss) * full - lost, lever * (1.0 + loss) * (fired - closed - carried) - lost
 
 
-@njit(cache=True)
+@njit(**INNER)
 def choose_gear(p, x, wanted, acceleration):
     """The cycle driver's gear (0 at standstill): low engine speed at low demand, more at high, never the wrong side.
 
@@ -765,7 +768,7 @@ def choose_gear(p, x, wanted, acceleration):
     return gear
 
 
-@njit(cache=True)
+@njit(**ENTRY)
 def follow(p, x, trace, trace_step, own_gears, steps, dt, every, record):
     """Drive `steps` steps of `dt` along `trace` (n, 6: speed, gear, pitch, S_j, S_k, heading; every `trace_step` s).
 
@@ -810,7 +813,7 @@ def follow(p, x, trace, trace_step, own_gears, steps, dt, every, record):
     return rows
 
 
-@njit(cache=True)
+@njit(**INNER)
 def steady_fuel(p, speed, brake):
     """Fuel power (W, metered) of the warm engine at steady `speed` (rad/s) and brake torque (N m), cut-off aside."""
     place = speed * p[P_TABLE_RATE]
@@ -829,7 +832,7 @@ def steady_fuel(p, speed, brake):
     )
 
 
-@njit(cache=True)
+@njit(**INNER)
 def steady_brake_torque(p, gear, speed, torque):
     """Crankshaft torque (N m) that gives the wheel-level `torque` = thrust x car's speed / engine speed, steadily."""
     ratio = p[P_RATIO + gear]
@@ -846,7 +849,7 @@ def steady_brake_torque(p, gear, speed, torque):
     return net / (1.0 - p[P_LOSS + gear]) if net > 0.0 else net / (1.0 + p[P_LOSS + gear])
 
 
-@njit(cache=True)
+@njit(**INNER)
 def steady_wheel_torque(p, gear, speed, brake):
     """Wheel-level torque (thrust x car's speed / engine speed, N m) of a steady crankshaft torque `brake` (N m)."""
     ratio = p[P_RATIO + gear]
@@ -862,7 +865,7 @@ def steady_wheel_torque(p, gear, speed, brake):
     return thrust * v / speed
 
 
-@njit(cache=True)
+@njit(**INNER)
 def steady_overrun(p, speed):
     """Crankshaft torque (N m, negative) in overrun with the fuel cut as far as the car cuts it."""
     place = speed * p[P_TABLE_RATE]
@@ -874,7 +877,7 @@ def steady_overrun(p, speed):
     return fired - closed - carried
 
 
-@njit(cache=True)
+@njit(**ENTRY)
 def steady_table(p, quantity, gear, speed, torque, out):
     """Fill `out` (n,) for the arguments (n,): 0 fuel at wheel level, 1 full load, 2 overrun, 3 fuel at the crank."""
     for n in range(out.shape[0]):

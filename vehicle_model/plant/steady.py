@@ -42,7 +42,7 @@ def overrun(parameters: Array, gear: ArrayLike, engine_speed: ArrayLike) -> Arra
 def idle(parameters: Array) -> tuple[float, float]:
     """Idle speed (rad/s) and fuel power (W) of the idling engine, clutch open."""
     speed = float(parameters[k.P_IDLE])
-    return speed, float(k.steady_fuel(parameters, speed, 0.0) * parameters[k.P_IDLE_FUEL])
+    return speed, float(engine_fuel_power(parameters, speed, 0.0) * parameters[k.P_IDLE_FUEL])
 
 
 def engine_fuel_power(parameters: Array, engine_speed: ArrayLike, brake_torque: ArrayLike) -> Array:
@@ -60,6 +60,7 @@ def engine_full_load(parameters: Array, engine_speed: ArrayLike) -> Array:
 def _over(quantity: int, parameters: Array, gear: ArrayLike, speed: ArrayLike, torque: ArrayLike) -> Array:
     g, w, t = np.broadcast_arrays(np.asarray(gear, np.int64), np.asarray(speed, float), np.asarray(torque, float))
     out = np.empty(g.size)
-    gears, speeds, torques = (np.ascontiguousarray(part).reshape(-1) for part in (g, w, t))
-    k.steady_table(np.asarray(parameters), quantity, gears, speeds, torques, out)
+    # Copies: an array that may be written is another type for the kernel than one that may not, and compiled anew.
+    gears, speeds, torques = (np.array(part).reshape(-1) for part in (g, w, t))
+    k.steady_table(np.array(parameters), quantity, gears, speeds, torques, out)
     return out.reshape(g.shape)
