@@ -33,12 +33,15 @@ def warm_up_observer() -> None:
 
 
 def warm_up_planner() -> None:
-    """Compile, or load from the cache, map matching and planning. For a process beside `warm_up_observer`'s."""
+    """Compile, or load from the cache, planning and map matching. For a process beside `warm_up_observer`'s.
+
+    Planning first: the oracle, in a third process, needs it soonest, and would else compile it too.
+    """
     car = read_car("smart")
-    observations(_driven_log(car.metres_per_tick), from_route(_straight_route()), car.metres_per_tick)
     places = np.arange(0.0, 400.0, 20.0)
     road = RoadAhead(places, np.zeros(len(places)), np.full(len(places), 15.0), np.zeros(len(places)))
     plan_route(road, _flat_map(), car, start_speed=10.0, end_speed=10.0, time_value=8e3)
+    observations(_driven_log(car.metres_per_tick), from_route(_straight_route()), car.metres_per_tick)
 
 
 def _driven_log(metres_per_tick: float) -> SensorLog:

@@ -321,7 +321,19 @@ def match(events, state, hyp, ring, start, pn, pe, ps, seg_link, link_ends, jsta
             if doubtful and moving:
                 state[LAST_SPAWN] = t
                 fresh = nearby(
-                    north, east, max(35.0, 4.0 * sigma), grid, gstart, gseg, seg_link, start, pn, pe, ps, found, MOST
+                    north,
+                    east,
+                    max(35.0, 4.0 * sigma),
+                    grid,
+                    gstart,
+                    gseg,
+                    seg_link,
+                    start,
+                    pn,
+                    pe,
+                    ps,
+                    found,
+                    np.int64(MOST),
                 )
                 for k in range(fresh):
                     link = int(found[k, 0])

@@ -137,7 +137,7 @@ class Roads:
         """Rows (link, s, distance, heading) of the links within `radius` m of a place in the map's plane."""
         found = np.empty((most, 4))
         count = kernel.nearby(
-            north, east, radius, self.grid, self.grid_start, self.grid_segment, self.segment_link, self.start,
+            north, east, float(radius), self.grid, self.grid_start, self.grid_segment, self.segment_link, self.start,
             self.north, self.east, self.s, found, most,
         )  # fmt: skip
         return found[:count]

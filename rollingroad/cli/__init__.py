@@ -1,5 +1,6 @@
 """The `rollingroad` command: parse, call, print. Programs rely on its exit status, `--json` and one-line errors."""
 
+import gc
 import os
 import sys
 
@@ -20,8 +21,10 @@ def main() -> None:
         view_commands,
     )
     from rollingroad.cli.app import app
+    from rollingroad.workers import COLLECT
     from vehicle_model.car.errors import BadInput
 
+    gc.set_threshold(*COLLECT)
     try:
         status = typer.main.get_command(app).main(standalone_mode=False)
     except (typer.Exit, SystemExit) as stop:
