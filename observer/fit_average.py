@@ -4,26 +4,43 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import KDTree
 
+from observer.efficiency_map import SPEED_STEP, TORQUE_STEP
 from observer.fit_form import Cells, Fit, r_squared
+
+REACH = 5.0
+"""Cells (of 50 rpm and 2 N m) from the nearest valid one over which the other members fade out. A polynomial of a short
+trip says nothing beyond what was driven: half the fuel power, or twice."""
 
 
 @dataclass(frozen=True)
 class AverageFit(Fit):
-    """The mean fuel power of `members` (at least one)."""
+    """The mean fuel power of `members` (at least one) near the cells; far from them the first one's alone."""
 
     name: str
     members: tuple[Fit, ...]
+    near: KDTree
+    """The valid cells, in units of cells."""
     r2: float
     r2_efficiency: float
 
     def fuel_power(self, engine_speed: ArrayLike, torque: ArrayLike) -> NDArray[np.float64]:
-        return np.mean([member.fuel_power(engine_speed, torque) for member in self.members], axis=0)
+        omega, torque = np.broadcast_arrays(np.asarray(engine_speed, float), np.asarray(torque, float))
+        distance = self.near.query(_in_cells(omega, torque))[0]
+        first = self.members[0].fuel_power(omega, torque)
+        mean = np.mean([first, *(member.fuel_power(omega, torque) for member in self.members[1:])], axis=0)
+        return first + np.exp(-((distance / REACH) ** 2)) * (mean - first)
 
 
 def fit_average(name: str, members: tuple[Fit, ...], cells: Cells) -> AverageFit:
-    """The average of `members`, scored on `cells`."""
-    mean = AverageFit(name, members, 0.0, 0.0)
-    power = mean.fuel_power(cells.engine_speed, cells.torque)
+    """The average of `members`, scored on `cells` (at least one)."""
+    near = KDTree(_in_cells(cells.engine_speed, cells.torque))
+    power = AverageFit(name, members, near, 0.0, 0.0).fuel_power(cells.engine_speed, cells.torque)
     r2 = r_squared(cells.fuel_power, power)
-    return AverageFit(name, members, r2, r_squared(cells.efficiency, cells.engine_speed * cells.torque / power))
+    efficiency = cells.engine_speed * cells.torque / power
+    return AverageFit(name, members, near, r2, r_squared(cells.efficiency, efficiency))
+
+
+def _in_cells(omega: NDArray, torque: NDArray) -> NDArray[np.float64]:
+    return np.stack([omega / SPEED_STEP, torque / TORQUE_STEP], axis=-1)

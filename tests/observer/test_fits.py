@@ -133,12 +133,26 @@ def test_the_smooth_fit_does_not_follow_the_waves_of_the_maps_errors():
 
 def test_the_planner_gets_the_mean_of_two_forms_or_what_there_is(found):
     fits = fit_all(found, CAR)
-    omega, torque = np.meshgrid(np.linspace(1500, 4000, 9) * RPM, [5.0, 45.0, 65.0])
+    cells = valid_cells(found)
+    omega, torque = cells.engine_speed, cells.torque
     each = [fits[name].fuel_power(omega, torque) for name in ("P_in smooth", "P_in full 2")]
     chosen = planner_fit(fits)
     assert chosen.name == PLANNER_FIT
     np.testing.assert_allclose(chosen.fuel_power(omega, torque), 0.5 * (each[0] + each[1]))
     assert planner_fit(fit_all(replace(found, valid=np.zeros_like(found.valid)), CAR)).name == "P_in willans"
+
+
+def test_what_a_short_trip_did_not_show_the_planner_takes_from_the_form_that_extrapolates(found):
+    """Given a trip in town that never turned the engine above 2,200 rpm, the planner's fuel at 4,500 rpm is that of
+    the smooth form, near the engine's; a polynomial through those cells is far off there."""
+    omega, torque = np.meshgrid(found.engine_speed, found.torque, indexing="ij")
+    town = replace(found, valid=found.valid & (omega < 2200 * RPM) & (torque < 50.0))
+    fits = fit_all(town, CAR)
+    beyond = np.full(3, 4500 * RPM), np.array([10.0, 20.0, 40.0])
+    chosen, smooth = planner_fit(fits).fuel_power(*beyond), fits["P_in smooth"].fuel_power(*beyond)
+    np.testing.assert_allclose(chosen, smooth, rtol=1e-6)
+    assert np.all(np.abs(chosen / true_power(*beyond) - 1.0) < 0.35)
+    assert np.any(np.abs(fits["P_in full 2"].fuel_power(*beyond) / smooth - 1.0) > 0.1)
 
 
 def test_too_few_cells_leave_the_willans_form(found):
