@@ -8,6 +8,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from observer.efficiency_map import EfficiencyMap
 
+PLACE_SCATTER = 0.008
+"""Relative, of the efficiency: what no further stay at a place takes away (gear, warmth and transients go with the
+place), alike in neighbouring cells. By the coverage of development hours of both cars."""
+
 
 class Fit(ABC):
     """A smooth map. `r2` is that of the fitted quantity (eta, phi or P_in), as in seed 004, 3.4.

@@ -17,7 +17,7 @@ from scipy.optimize import lsq_linear
 from scipy.special import comb
 
 from observer.efficiency_map import Limits
-from observer.fit_form import Cells, Fit, r_squared
+from observer.fit_form import PLACE_SCATTER, Cells, Fit, r_squared
 from vehicle_model.car.parameters import Car
 
 ORDERS = (3, 3, 2)
@@ -128,7 +128,8 @@ def fit_kernel(base: WillansFit, cells: Cells) -> KernelFit:
     places = np.stack([cells.engine_speed, cells.torque], axis=1)
     residual = np.log(cells.fuel_power / base.fuel_power(cells.engine_speed, cells.torque))
     shared = base.shared_error(cells.engine_speed, cells.torque, cells.common_error)
-    noise = np.maximum((cells.standard_error / cells.efficiency) ** 2 - shared**2, 3e-3**2)
+    # what neighbours share is no noise: it cannot be told from the engine
+    noise = np.maximum((cells.standard_error / cells.efficiency) ** 2 - shared**2 - PLACE_SCATTER**2, 3e-3**2)
     # length scales and amplitude by the marginal likelihood of an even subset, then one factor of everything
     some = np.linspace(0, len(residual) - 1, min(len(residual), SEARCH_CELLS)).astype(int)
     best: tuple[float, NDArray, float] | None = None

@@ -22,7 +22,7 @@ from observer.envelope import (
     observed_limits,
 )
 from observer.estimate import Estimate
-from observer.fit_form import Fit, valid_cells
+from observer.fit_form import PLACE_SCATTER, Fit, valid_cells
 from observer.fit_willans import fit_willans
 from observer.operating_points import TORQUE_FLOOR, OperatingPoints, gear_ratios, operating_points
 from vehicle_model.car.errors import BadInput
@@ -37,7 +37,7 @@ VISIT_SCATTER = 0.006
 the scatter between stays shows once there are enough of them."""
 LEAST_TORQUE = -3.0
 """N m: where a sample's own torque is cut off before it enters a fit."""
-TRIP_SCATTER, COMMON_SCATTER = 0.006, 0.008
+TRIP_SCATTER, COMMON_SCATTER = 0.006, 0.006
 """Relative, of the torque: what all samples of a trip are off by together (payload, warmth), and what no further trip
 takes away (mass, squat, fuel scale inside the tolerances)."""
 CRUISE = 25.0
@@ -68,7 +68,8 @@ def map_engine(estimates: Sequence[Estimate], car: Car, *, smoothed: bool = True
     # a relative error of the torque moves eta at a given torque by the slope of the Willans line only
     omega, torque = np.meshgrid(found.engine_speed, found.torque, indexing="ij")
     common = shared_torque_error(car, len(trips))
-    error = np.hypot(found.standard_error, found.mean * tangent.shared_error(omega, torque, common))
+    relative = np.hypot(PLACE_SCATTER, tangent.shared_error(omega, torque, common))
+    error = np.hypot(found.standard_error, found.mean * relative)
     return replace(found, standard_error=error, common_error=common)
 
 
