@@ -110,8 +110,12 @@ FUSED, GATED, NOT_FINITE, REOPENED, STUCK, ANCHORED, POOR = np.arange(7)
     M_TICKS,
     M_HINDSIGHT,
     M_PULSE_GAP,
-) = range(45)
-M_SINCE = 45
+    M_TOLD_SPEED,
+    M_RATTLE,
+) = range(47)
+"""M_TOLD_SPEED: the speed as the receiver's own filter sees it. M_RATTLE and the two that follow: by how much the
+variance of the accelerometer's noise, x, y, z, exceeds the believed one, as a share of it."""
+M_SINCE = 49
 """Since when each kind is being rejected (NaN: it is not)."""
 MEMORY = M_SINCE + KIND_CODES
 
@@ -208,9 +212,17 @@ SIGN_BAND = 0.1
 OVERDUE = 1.15
 """An injector pulse is overdue when the time since the last is so many times the interval before."""
 HARDEST = 4.0
-"""m/s2 by which a forward acceleration may be too low and still be brakes; a spike is more."""
+"""m/s2 by which a forward acceleration may be off and still be brakes; a spike is more."""
 SURPRISE = 9.0
-"""NIS of a forward acceleration that is too low, beyond which, in hindsight, thrust is let free to follow it."""
+"""NIS of a forward acceleration beyond which, in hindsight, thrust is let free to follow it."""
+SURPRISE_LIVE = 16.0
+"""The same for the live filter, which has no second look."""
+BRAKING = -400.0
+"""N: less thrust than that is brakes, which may be released at once."""
+RATTLE_MEMORY = 0.005
+"""Share of one reading in the running estimate of the accelerometer's noise."""
+RATTLE_USUAL = 0.5
+"""Excess of the noise's variance that is not yet believed."""
 WRAP = 2.0 * math.pi
 UNKNOWN_HEADING = 1.0
 """rad2: with more variance than this, a course is taken over instead of being fused."""
@@ -528,8 +540,9 @@ def fuse(kind, z, r, aux, f):
         for k in range(size):
             S += hv[k] * ph[index[k]]
         nis = nu * nu / S
-        if kind == ACCELERATION_X and -HARDEST < nu < 0.0 and nis > SURPRISE and mem[M_HINDSIGHT] > 0.0:
-            # thrust fell and no pulse told: brakes, or fuel that was cut a moment ago
+        surprising = nis > (SURPRISE if mem[M_HINDSIGHT] > 0.0 else SURPRISE_LIVE) and abs(nu) < HARDEST
+        if kind == ACCELERATION_X and surprising and (nu < 0.0 or x[2] < BRAKING):
+            # thrust changed and no pulse told: brakes put on or released, or fuel that was cut a moment ago
             more = (nu * nu - S) / (hv[1] * hv[1])
             P[2, 2] += more
             ph[2] += hv[1] * more
@@ -552,6 +565,7 @@ def fuse(kind, z, r, aux, f):
         gain = nu * inverse
         for i in range(NX):
             x[i] += ph[i] * gain
+        mem[M_TOLD_SPEED] += ph[1] * gain
         # scaled first: both triangles then change by the same bits
         root = math.sqrt(inverse)
         for i in range(NX):
@@ -739,6 +753,7 @@ def move(t, f):
     # an engine in gear follows the car (1.8, with N_spd = omega / v of the moment): an input, not a dependence
     if before > 3.0 and not cut:
         x[13] *= x[1] / before
+    mem[M_TOLD_SPEED] += (x[1] - mem[M_TOLD_SPEED]) * (1.0 - math.exp(-dt / s[S_GPS_LAG]))
     mem[M_TIME] = t
 
 
@@ -754,6 +769,7 @@ def on_accelerometer(event, f):
         mem[M_ACC_SAME] += 1.0
     else:
         mem[M_ACC_SAME] = 0.0
+    dx, dy, dz = ax - mem[M_ACC_X], ay - mem[M_ACC_Y], az - mem[M_ACC_Z]
     mem[M_ACC_X], mem[M_ACC_Y], mem[M_ACC_Z] = ax, ay, az
     r = P_ROTATION
     bx = p[r] * ax + p[r + 1] * ay + p[r + 2] * az
@@ -770,7 +786,17 @@ def on_accelerometer(event, f):
     for axis in range(3):
         value = bx if axis == 0 else (by if axis == 1 else bz)
         deviation = plane if axis < 2 else vertical
-        fuse(ACCELERATION_X + axis, value, deviation * deviation, 0.0, f)
+        believed = deviation * deviation
+        # what differs from reading to reading is noise: where there is much more of it than believed, it is believed
+        step = p[r + 3 * axis] * dx + p[r + 3 * axis + 1] * dy + p[r + 3 * axis + 2] * dz
+        excess = mem[M_RATTLE + axis]
+        seen = min(0.5 * step * step / believed, 9.0 * (1.0 + excess)) - 1.0
+        if math.isfinite(seen):
+            excess += RATTLE_MEMORY * (seen - excess)
+            mem[M_RATTLE + axis] = excess
+        if excess > RATTLE_USUAL:
+            believed *= 1.0 + excess - RATTLE_USUAL
+        fuse(ACCELERATION_X + axis, value, believed, 0.0, f)
 
 
 @inner
@@ -798,6 +824,7 @@ def on_wheel(event, t, f):
                 # the pulses agree with each other and not with the filter: believe them
                 told = p[P_TICK] / gap
                 reset(V, told, (0.2 * told) ** 2 + 0.01, f)
+                mem[M_TOLD_SPEED] = told
                 P[2, 2] += 1e6
                 mem[M_TICK_BAD] = 0.0
         else:
@@ -989,8 +1016,12 @@ def on_gps(event, t, f):
         r = (s[S_GPS_Z] * dilution) ** 2
         fuse(GPS_ALTITUDE, alt, r, lag, f)
     if math.isfinite(told_speed):
+        # the receiver smooths: after a jolt, one linear in time says too little of what it has seen
         r = s[S_GPS_SPEED] ** 2
-        fuse(GPS_SPEED, told_speed, r, lag, f)
+        late = (lag - s[S_GPS_LAG]) / max(s[S_GPS_LAG], 1e-3)
+        smoothed = mem[M_TOLD_SPEED] - late * (x[1] - mem[M_TOLD_SPEED])
+        straight = x[1] - lag * acceleration(x, f.car, f.work[40:44])
+        fuse(GPS_SPEED, told_speed - smoothed + straight, r, lag, f)
         if moving and told_speed > 3.0 and mem[M_HEADING_SET] > 0.0 and math.isfinite(course):
             r = (s[S_GPS_COURSE] / told_speed) ** 2
             reason = fuse(GPS_COURSE, course, r, lag, f)
@@ -1089,6 +1120,7 @@ def on_grid(t, f):
             if not math.isfinite(x[i]):
                 x[i] = 0.0
             reset(i, x[i], initial_variance(i, s), f)
+        mem[M_TOLD_SPEED] = x[1]
     if abs(x[4]) > 0.5:
         reset(PITCH_ANGLE, 0.0, s[S_PITCH] * s[S_PITCH], f)
     m = out[GRID_LINES]

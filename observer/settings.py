@@ -106,8 +106,8 @@ class ObserverSettings:
     bias_noise: float = 1e-9
     """(m/s2)2/s."""
     # start
-    bias_deviation: float = 0.3
-    """m/s2 of the accelerometer's biases before the first trip."""
+    bias_deviation: float = 0.18
+    """m/s2 of the accelerometer's biases before the first trip: anywhere up to 0.3, and 0.2 degrees of mounting."""
     pitch_deviation: float = 0.04
     """rad, of a road's grade."""
     # gate

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from synthetic import SMART, Truth, drive, sense
 
+from observer import kernel, model
 from observer.estimate import STATES, Estimate
 from observer.fixed_lag import observe_lagged
-from observer.observe import observe
+from observer.observe import observe, start
+from observer.settings import DEFAULT
 from observer.stream import Observer
 from sensors.log import SensorLog
 
@@ -203,3 +205,69 @@ def test_a_fixed_lag_lies_between_live_and_hindsight(log, truth, estimate):
     np.testing.assert_allclose(state, whole.smoothed, rtol=1e-6, atol=1e-6)
     with pytest.raises(ValueError, match="lag"):
         observe_lagged(short, SMART, 0.1)
+
+
+def test_an_accelerometer_noisier_than_believed_is_believed_less(log, truth):
+    """Given five times the usual noise, then thrust stays usable, live and in hindsight, and the NIS is about 1."""
+    rng = np.random.default_rng(11)
+    acc = log["accelerometer"].copy()
+    for axis, deviation in (("x", 0.6), ("y", 0.6), ("z", 2.0)):
+        acc[axis] += deviation * rng.standard_normal(len(acc))
+    found = observe(changed(log, accelerometer=acc), SMART)
+    assert thrust_error(found, truth) < 0.25
+    assert thrust_error(found, truth, smoothed=True) < 0.12
+    mine = found.records[(found.records["kind"] == "acceleration_x") & (found.records["t"] > START + 30.0)]
+    assert 0.7 < mine["nis"].mean() < 1.5
+
+
+def test_a_step_of_speed_is_seen_as_the_receivers_own_filter_sees_it():
+    """A receiver that smooths over 0.2 s tells of a jolt late: its speed is no surprise then."""
+    f = start(SMART, DEFAULT, None, 0.0)
+    f.counts[kernel.RECORDING] = 1
+    f = f._replace(records=np.empty((100, 7)))
+    f.x[[kernel.V, 2]] = 10.0, 2500.0
+    f.P[:] = np.diag(np.full(kernel.NX, 1e-8))
+    f.memory[[kernel.M_TOLD_SPEED, kernel.M_CLOCK_SET, kernel.M_HEADING_SET, kernel.M_ORIGIN_SET]] = 10.0, 1.0, 1.0, 1.0
+    f.memory[kernel.M_CLOCK] = 1.0
+    f.memory[[kernel.M_NORTH_SCALE, kernel.M_EAST_SCALE]] = 1.0
+    rows, told, speed = [], 10.0, 10.0
+    for step in range(1, 41):
+        # thrust has just set in: the car gains what it gains, the receiver follows with its time constant
+        rows.append([0.01 * step, kernel.GYROSCOPE, np.nan, np.nan, np.nan, 0, 0, 0, 0, 0])
+    events = np.array(rows)
+    worst = 0.0
+    for row in events:
+        kernel.advance(row[None], 0, 1, f)
+        speed = f.x[kernel.V]
+        told += (speed - told) * (1.0 - np.exp(-0.01 / DEFAULT.gps_lag))
+        worst = max(worst, abs(f.memory[kernel.M_TOLD_SPEED] - told))
+    assert speed > 10.5
+    assert speed - told > 0.15
+    assert worst < 1e-9
+
+
+@pytest.mark.parametrize("hindsight", [0.0, 1.0])
+def test_brakes_that_are_released_are_gone_at_once(hindsight):
+    """Braking hard, then the forward acceleration jumps by 1.9 m/s2: thrust follows within 0.1 s."""
+    f = start(SMART, DEFAULT, None, 0.0)
+    f.x[[kernel.V, 2]] = 12.0, -1700.0
+    f.P[:] = np.diag([1e-6, 1e-4, 30.0**2, *[1e-8] * (kernel.NX - 3)])
+    f.memory[kernel.M_HINDSIGHT] = hindsight
+    f.memory[[kernel.M_TICK_TIME, kernel.M_PULSE_TIME]] = 0.0
+    f.memory[kernel.M_PULSE_GAP] = 0.2
+
+    def reading(time: float, forward: float) -> None:
+        event = np.array([[time, kernel.ACCELEROMETER, forward, 0.01 * np.sin(1e3 * time), 9.8, 0, 0, 0, 0, 0]])
+        kernel.advance(event, 0, 1, f)
+
+    before = acceleration_of(f)
+    reading(0.025, before + 15.0)
+    assert f.x[2] == pytest.approx(-1700.0, abs=120.0)
+    for k in range(2, 6):
+        reading(0.025 * k, before + 1.9)
+    assert f.x[2] == pytest.approx(-1700.0 + 1.9 * SMART.accelerated_mass, abs=200.0)
+
+
+def acceleration_of(f: kernel.Filter) -> float:
+    """What the accelerometer reads in the state of `f`."""
+    return model.measurement(model.ACCELERATION_X, f.x[:17], SMART, 0.0, squat=DEFAULT.body_squat)
