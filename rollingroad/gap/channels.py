@@ -47,6 +47,12 @@ COARSE = 30.0
 """s, of the fuel blocks where speed and fuel are all there is."""
 LAG = 0.2
 """s, of the default receiver."""
+CREEP = 5.5
+"""m/s in first gear, below which clutch and brake are the driver's own: neither shows in wheels and pulses."""
+UNSURE = 4.0
+"""Times the fuel's deviation while the clutch slips or may slip."""
+TIMING = 0.08
+"""s by which force and fuel may be apart: what a jerk makes of it is noise."""
 BRAKE_LIMIT = 0.28
 """m/s2: while the fuel is cut, a deceleration that much beyond the overrun's is the brake's."""
 
@@ -262,7 +268,12 @@ def _layout(trace: Trace, samples: Samples, nominal: Replay, car: Car, coarse: b
     force = 0.012 * car.mass + 10.0
     slope = 2.7
     sigma = np.sqrt((force * slope * m.speed) ** 2 + (0.012 * np.nan_to_num(samples.fuel)) ** 2 + 150.0**2)
-    sigma = sigma * np.where(np.isin(samples.regime, [REGIMES.index("launch"), REGIMES.index("open")]), 4.0, 1.0)
+    jerk = np.gradient(m.acceleration, step) if not coarse else np.zeros(len(m.time))
+    # a running sum may end a little below zero
+    jerk = np.sqrt(np.maximum(uniform_filter1d(jerk**2, max(1, round(2.0 / step))), 0.0))
+    sigma = np.hypot(sigma, TIMING * car.mass * jerk * slope * m.speed)
+    slipping = np.isin(samples.regime, [REGIMES.index("launch"), REGIMES.index("open")])
+    sigma = sigma * np.where(slipping | ((m.gear == 1) & (m.speed < CREEP)), UNSURE, 1.0)
     if coarse:
         sigma = np.full(len(m.time), 0.05 * float(np.nanmean(trace.fuel)) if np.isfinite(trace.fuel).any() else 1.0)
     full = np.maximum(span / step, 1.0)

@@ -60,14 +60,37 @@ def _driving(regime: NDArray[np.int64], torque: Array, speed: Array) -> NDArray[
     return (regime == REGIMES.index("drive")) | ((regime == REGIMES.index("all")) & (torque > 0) & (speed > 0.5))
 
 
+SLOPE = 2.7
+"""W of fuel per W at the wheel, of columns that only need its order of magnitude."""
+FORCES = (("constant", 0, 1.0, 15.0), ("speed", 1, 10.0, 8.0), ("speed2", 2, 20.0, 15.0))
+"""Resistances that this car may have beyond the plant's: name, power of (speed / unit), unit in m/s, deviation in N."""
+
+
 def map_correction(car: Car, coefficients: Mapping[str, float]) -> Correction:
-    """The calibrated correction as a function of the replay: what `channels.values` adds to the simulator's fuel."""
+    """The calibrated correction as a function of the replay: what `channels.values` adds to the simulator's fuel.
+
+    All calibrated terms that depend on the torque or the fuel belong to it, or the corrected simulator would burn the
+    right amount and have the wrong slope: an effect moves the fuel along that slope.
+    """
 
     def correct(r: Replay, m: Motion, regime: NDArray[np.int64]) -> Array:
         total = np.zeros(len(m.time))
         for name, term, _ in _map_terms(car, m.engine_speed, r.engine_torque):
             total += coefficients.get(name, 0.0) * term
-        return total * _driving(regime, r.engine_torque, m.speed)
+        work = SLOPE * np.maximum(r.road_force, 0.0) * m.speed
+        share = np.full(len(total), coefficients.get("state.loss_share", 0.0))
+        share += coefficients.get("plant.driveline_loss.share", 0.0)
+        drag = np.zeros(len(total))
+        for gear in range(1, len(car.gear_ratios) + 1):
+            share[m.gear == gear] += coefficients.get(f"map.gear{gear}", 0.0)
+            drag[m.gear == gear] += coefficients.get(f"map.drag{gear}", 0.0)
+        for name, power, unit, _ in FORCES:
+            drag += coefficients.get(f"force.{name}", 0.0) * (m.speed / unit) ** power
+        total += share * work + SLOPE * drag * m.speed
+        load = np.clip(r.load, 0.0, 1.2)
+        part = coefficients.get("state.fuel_1", 0.0) + coefficients.get("state.fuel_load", 0.0) * load
+        part += coefficients.get("state.fuel_load2", 0.0) * load**2 + coefficients.get("state.fuel_flow", 0.0) * r.fuel
+        return (total + part * r.fuel) * _driving(regime, r.engine_torque, m.speed)
 
     return correct
 
@@ -91,8 +114,8 @@ def calibration_columns(p: Prepared, car: Car, vector: Array) -> Columns:
         rows.append((name, block_means(p, "fuel_power", drive * term), sd))
     work = np.maximum(nominal.road_force, 0.0) * m.speed
     for gear in range(1, len(car.gear_ratios) + 1):
-        fuel(f"gear{gear}", drive * (m.gear == gear) * work * 2.7, 0.02)
-        fuel(f"drag{gear}", drive * (m.gear == gear) * m.speed * 2.7, 15.0)
+        fuel(f"gear{gear}", drive * (m.gear == gear) * work * SLOPE, 0.02)
+        fuel(f"drag{gear}", drive * (m.gear == gear) * m.speed * SLOPE, 15.0)
     fuel("idle", idle.astype(float), 4000.0)
     fuel("inertia", drive * bar * m.acceleration, 0.4)
     for name in ("launch", "open", "overrun"):
@@ -104,12 +127,10 @@ def calibration_columns(p: Prepared, car: Car, vector: Array) -> Columns:
     firing = drive | (regime == REGIMES.index("all"))
     for name, shape, sd in (
         ("side", (m.speed**2 * m.curvature) ** 2, 0.2 * car.mass / car.gravity),
-        ("constant", np.ones_like(x), 15.0),
-        ("speed", m.speed / 10.0, 8.0),
-        ("speed2", (m.speed / 20.0) ** 2, 15.0),
+        *((name, (m.speed / unit) ** power, sd) for name, power, unit, sd in FORCES),
     ):
         moving = shape * (m.speed > 0.3)
-        column = block_means(p, "fuel_power", 2.7 * moving * m.speed * firing) - block_means(p, "coast_force", moving)
+        column = block_means(p, "fuel_power", SLOPE * moving * m.speed * firing) - block_means(p, "coast_force", moving)
         rows.append((f"force.{name}", column, sd))
     base = values(p, car, vector)
     for key, step, sd in (("enrichment.amount", 0.1, 0.1), ("driveline_loss.share", 0.01, 0.015)):
@@ -195,6 +216,13 @@ def trip_columns(
         rows.append(("height_gps", block_means(p, "height_gps", ones), 500.0))
         rows.append(("height_map", block_means(p, "height_map", ones), 500.0))
         rows.append(("fix_time", block_means(p, "gnss_speed", -_at_fixes(p, m.acceleration)), 0.005))
+    bar = car.engine.displacement / (4.0 * np.pi) * 1e5 * m.engine_speed
+    for name, sd in (("launch", 4.0), ("open", 1.0)):  # how this driver uses the clutch
+        mask = p.samples.regime == REGIMES.index(name)
+        rows.append((f"{name}_fuel_habit", block_means(p, "fuel_power", mask * bar), sd))
+    rise = np.maximum(np.gradient(replay_vector(vector, m).engine_torque, p.trace.step), 0.0)
+    jerky = rise * (p.samples.regime == REGIMES.index("drive"))
+    rows.append(("foot_habit", block_means(p, "fuel_power", jerky), 30.0))
     rows.append(("launch_habit", block_means(p, "launch_speed", np.ones(len(m.time))), 25.0))
     rows.append(("shift_habit", block_means(p, "shift_time", np.ones(len(m.time))), 0.06))
     rows.append(("trip_fuel", fuel, 0.025 / root * 1.5 if coarse else 0.0008))
@@ -212,11 +240,10 @@ def _at_fixes(p: Prepared, sample: Array) -> Array:
 
 @dataclass(frozen=True)
 class Noise:
-    """Per channel: share that is correlated, and over which time (s); per channel and regime: factor on the first
-    idea."""
+    """Per channel and regime, all (channels, regimes): factor on the first idea of the deviation, share of the variance
+    that is correlated, and over which time (s). (Only the fuel's differ between regimes.)"""
 
     scale: Array
-    """(channels, regimes)."""
     correlated: Array
     time: Array
 
@@ -225,7 +252,20 @@ def default_noise() -> Noise:
     """Before any reference trip has been seen."""
     correlated = np.array([0.35, 0.3, 0.15, 0.4, 0.3, 0.2, 0.0, 0.0, 0.0, 0.0, 0.2])
     time = np.array([40.0, 120.0, 6.0, 60.0, 60.0, 60.0, 1.0, 200.0, 8.0, 1.0, 6.0])
-    return Noise(np.ones((len(CHANNELS), len(REGIMES))), correlated, time)
+    shape = (len(CHANNELS), len(REGIMES))
+    return Noise(np.ones(shape), np.tile(correlated[:, None], shape[1]), np.tile(time[:, None], shape[1]))
+
+
+LONGER = ((0.35, 40.0), (0.65, 40.0), (0.65, 150.0), (0.85, 150.0), (0.85, 400.0))
+"""Shares and times (s) that the correlation of the fuel's errors is chosen from; the first is the default's."""
+
+
+def log_likelihood(time: Array, residual: Array, share: float, tau: float) -> tuple[float, float]:
+    """Sum of squares in units of the correlated noise, and log determinant, of one trip's errors (in their deviation)
+    at `time` (s)."""
+    covariance = share * np.exp(-np.abs(time[:, None] - time[None, :]) / tau)
+    covariance[np.diag_indices(len(time))] += 1.0 - share
+    return float(residual @ np.linalg.solve(covariance, residual)), float(np.linalg.slogdet(covariance)[1])
 
 
 RATE = 0.025
@@ -245,13 +285,13 @@ def whitener(p: Prepared, noise: Noise) -> Callable[[Array], Array]:
         index = np.flatnonzero(layout.channel == number)
         if number in (HEIGHT_GPS, HEIGHT_MAP) or not len(index):
             continue
-        share, tau = noise.correlated[number], noise.time[number]
-        sigma = layout.sigma[index] * noise.scale[number, layout.regime[index]]
+        kind = layout.regime[index]
+        share, tau = noise.correlated[number, kind], noise.time[number, kind]
+        sigma = layout.sigma[index] * noise.scale[number, kind]
         gap = np.abs(layout.time[index][:, None] - layout.time[index][None, :])
-        covariance = share * np.exp(-gap / tau)
+        covariance = np.sqrt(np.outer(share, share)) * np.exp(-gap / np.sqrt(np.outer(tau, tau)))
         if number == FUEL:  # what the map does wrong in one regime says nothing of another
-            regime = layout.regime[index]
-            covariance = covariance * (regime[:, None] == regime[None, :])
+            covariance = covariance * (kind[:, None] == kind[None, :])
         covariance[np.diag_indices(len(index))] += 1.0 - share
         covariance *= sigma[:, None] * sigma[None, :]
         pieces.append((index, np.linalg.cholesky(covariance)))

@@ -11,22 +11,25 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import norm
 
 from rollingroad.gap import generic, signatures
 from rollingroad.gap.channels import CHANNELS, REGIMES, Prepared, block_means, values
 from rollingroad.gap.design import (
     FUEL,
+    LONGER,
     Columns,
     Noise,
     calibration_columns,
     default_noise,
+    log_likelihood,
     map_correction,
     tolerance_columns,
     trip_columns,
     whitener,
 )
 from rollingroad.gap.replay import replay_vector
-from rollingroad.gap.signatures import Context, Variant
+from rollingroad.gap.signatures import Column, Context, Variant
 from vehicle_model.car.parameters import Car
 
 Array = NDArray[np.float64]
@@ -316,21 +319,56 @@ def _rescaled(
     total = sum((w.gram for w in done), np.zeros_like(done[0].gram))
     n = layout.nuisance
     squares, counts = np.zeros_like(noise.scale), np.zeros_like(noise.scale)
+    plain: list[Array] = []
     for trip, w in zip(trips, done, strict=True):
         information, vector = _information(total - w.gram if leave_out else total, layout)
         c = len(layout.calibration)
         # tolerances and the trip's own are fitted to the left-out trip itself
         own = np.concatenate([w.rows[:, c:n] * layout.tolerance_sd, w.own * w.own_sd], axis=1)
-        left = w.rows[:, -1] - w.rows[:, :c] @ np.linalg.solve(information, vector)
-        fitted = own @ np.linalg.solve(np.eye(own.shape[1]) + own.T @ own, own.T @ left)
-        residual = np.clip(left - fitted, -5.0, 5.0)
+        mean = np.linalg.solve(information, vector)
+        left = w.rows[:, -1] - w.rows[:, :c] @ mean
+        free = np.linalg.solve(np.eye(own.shape[1]) + own.T @ own, own.T @ left)
+        residual = np.clip(left - own @ free, -5.0, 5.0)
+        rows = stack(trip, layout)
+        known = np.concatenate([rows[:, c:n] * layout.tolerance_sd, trip.own.matrix * trip.own.sd], axis=1)
+        plain.append((rows[:, -1] - rows[:, :c] @ mean - known @ free) / trip.p.layout.sigma)
         np.add.at(squares, (trip.p.layout.channel, trip.p.layout.regime), residual**2)
         np.add.at(counts, (trip.p.layout.channel, trip.p.layout.regime), 1.0)
     weight = 10.0
     if not leave_out:  # degrees of freedom that the correction took
         counts = np.maximum(counts - 25.0 * counts / max(counts.sum(), 1.0), 0.3 * counts)
     scale = np.sqrt((squares + weight) / (counts + weight))
-    return Noise(noise.scale * np.clip(scale, 0.4, 4.0), noise.correlated, noise.time)
+    scale = noise.scale * np.clip(scale, 0.4, 4.0)
+    return _correlated(Noise(scale, noise.correlated, noise.time), trips, plain) if leave_out else Noise(
+        scale, noise.correlated, noise.time)  # fmt: skip
+
+
+PLAIN = 3.0
+"""Log units by which a longer correlation must be likelier than the default's."""
+
+
+def _correlated(noise: Noise, trips: Sequence[Trip], plain: Sequence[Array]) -> Noise:
+    """`noise` with the correlation that the fuel's errors at idle and in gear show: a fan or an alternator that comes
+    and goes for minutes is many blocks and little evidence. `plain` (m,) errors of each trip in their first deviation.
+    """
+    correlated, time = noise.correlated.copy(), noise.time.copy()
+    for regime in (REGIMES.index("idle"), REGIMES.index("drive")):
+        kinds = [(t.p.layout.channel == FUEL) & (t.p.layout.regime == regime) for t in trips]
+        blocks = sum(int(kind.sum()) for kind in kinds)
+        if blocks < 20:
+            continue
+        logs = []
+        for share, tau in LONGER:
+            each = [
+                log_likelihood(t.p.layout.time[kind], np.clip(x[kind], -5.0, 5.0), share, tau)
+                for t, x, kind in zip(trips, plain, kinds, strict=True) if kind.any()
+            ]  # fmt: skip
+            square, determinant = np.sum(each, axis=0)
+            logs.append(-0.5 * blocks * np.log(max(square, 1e-12)) - 0.5 * determinant)
+        best = int(np.argmax(logs))
+        if logs[best] > logs[0] + PLAIN:
+            correlated[FUEL, regime], time[FUEL, regime] = LONGER[best]
+    return Noise(noise.scale, correlated, time)
 
 
 def log_evidence(gram: Array, layout: Layout, calibration: Calibration) -> float:
@@ -421,6 +459,21 @@ def fit(r: Reduced, index: NDArray[np.int64] | list[int], sd: Array) -> Fit:
     apart = values - value
     spread = np.einsum("i,ijk->jk", share, covariance) + np.einsum("i,ij,ik->jk", share, apart, apart)
     return Fit(log, float(share @ explained), value, spread)
+
+
+def physical(found: Fit, columns: Sequence[Column]) -> Fit:
+    """`found` with its evidence times twice the probability that what has one sign only has that sign (the prior of the
+    other sign's half is nothing). Columns of one parameter add up."""
+    groups: dict[str, list[int]] = {}
+    for i, column in enumerate(columns):
+        if column.sign:
+            groups.setdefault(column.parameter.split("~")[0], []).append(i)
+    log = found.log_bayes
+    for index in groups.values():
+        total = columns[index[0]].sign * float(found.value[index].sum())
+        deviation = float(np.sqrt(found.covariance[np.ix_(index, index)].sum()))
+        log += float(np.log(2.0) + norm.logcdf(total / max(deviation, 1e-300)))
+    return replace(found, log_bayes=log)
 
 
 def cosine(r: Reduced, first: NDArray, second: NDArray) -> float:
@@ -545,6 +598,11 @@ LEADING = 8
 """Pairs have one of this many leading single effects in them; two effects that are both weaker are never the answer."""
 
 
+def _part(found: Fit, at: slice) -> Fit:
+    """The coefficients `at` of a fit."""
+    return replace(found, value=found.value[at], covariance=found.covariance[at, at])
+
+
 @dataclass(frozen=True)
 class Hypotheses:
     """Evidence (log Bayes factors against "none") of everything that may be the answer, before any prior."""
@@ -575,7 +633,8 @@ def hypotheses(
         if variant.effect in hidden or seen[variant.effect] < 1.0:
             continue
         index = np.arange(place.start, place.stop)
-        by_effect.setdefault(variant.effect, []).append((variant, fit(r, index, sd[index]), index))
+        found = physical(fit(r, index, sd[index]), variant.columns)
+        by_effect.setdefault(variant.effect, []).append((variant, found, index))
     singles = {name: log_mean_exp(np.array([f.log_bayes for _, f, _ in rows])) for name, rows in by_effect.items()}
     best = {name: max(rows, key=lambda row: row[1].log_bayes) for name, rows in by_effect.items()}
     both: dict[tuple[str, str], tuple[Variant, Variant, Fit]] = {}
@@ -586,11 +645,16 @@ def hypotheses(
             if cosine(r, i1, i2) > 0.97:
                 continue
             index = np.concatenate([i1, i2])
-            both[(first, second)] = (v1, v2, fit(r, index, sd[index]))
-    found, outside = _outside(r, library, layout, by_effect, t)
+            found = fit(r, index, sd[index])
+            log = sum(
+                physical(_part(found, at), v.columns).log_bayes - found.log_bayes
+                for v, at in ((v1, slice(0, len(i1))), (v2, slice(len(i1), None)))
+            )
+            both[(first, second)] = (v1, v2, replace(found, log_bayes=found.log_bayes + log))
+    regressors, outside = _outside(r, library, layout, by_effect, t)
     return Hypotheses(
         singles, {n: (v, f) for n, (v, f, _) in best.items()}, both, float(outside),
-        (tuple(library.regressors[i] for i in found[0]), found[1]) if found[0] else None,
+        (tuple(library.regressors[i] for i in regressors[0]), regressors[1]) if regressors[0] else None,
     )  # fmt: skip
 
 

@@ -30,7 +30,7 @@ class Column:
     neutral: float
     sd: float
     sign: int = 0
-    """+1 or -1 where the coefficient can only have that sign, physically."""
+    """+1 or -1 where the coefficients of this parameter's columns, added up, can only have that sign, physically."""
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ def _warm(
     sign: int,
 ) -> Variant:
     """An effect that fades: shapes of different time constants side by side, so that any mixture of them is spanned."""
-    columns = tuple(Column(amount if i == 0 else f"{amount}~{i}", unit, neutral, sd, 0) for i in range(len(shapes)))
+    columns = tuple(Column(amount if i == 0 else f"{amount}~{i}", unit, neutral, sd, sign) for i in range(len(shapes)))
 
     def make(c: Context) -> Array:
         out = []
