@@ -9,7 +9,7 @@ from scipy.spatial import KDTree
 from observer.efficiency_map import SPEED_STEP, TORQUE_STEP
 from observer.fit_form import Cells, Fit, r_squared
 
-REACH = 5.0
+REACH = 12.0
 """Cells (of 50 rpm and 2 N m) from the nearest valid one over which the other members fade out. A polynomial of a short
 trip says nothing beyond what was driven: half the fuel power, or twice."""
 
