@@ -69,5 +69,5 @@ def run_chain(
         tell("writing the report and the recording")
         products = Products(task, network, baseline, sensed, estimate, learnt, road, advised, oracle, observe_s)
         with whole_folder(folder) as part:
-            results = write_products(products, part, folder, watch, compiled)
+            results = write_products(products, part, folder, watch, compiled, pool)
     return results

@@ -2,6 +2,7 @@
 
 import platform
 from collections.abc import Callable
+from concurrent.futures import Executor, wait
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -25,8 +26,6 @@ from rollingroad.evaluation.scores import observer_scores, outage_seconds
 from rollingroad.folder import Stopwatch, write_json
 from rollingroad.run import Run
 from rollingroad.task import Task, described
-from rollingroad.viz.recording import write_recording
-from rollingroad.viz.report import write_report
 from sensors.kml import write_kml
 from sensors.packets import write_log
 from sim.drive import Drive
@@ -59,46 +58,57 @@ class Products:
         return sum(len(streams[name]) for name in streams)
 
 
-def write_products(products: Products, part: Path, folder: Path, watch: Stopwatch, compiled: float) -> dict[str, Any]:
+def write_products(
+    products: Products, part: Path, folder: Path, watch: Stopwatch, compiled: float, pool: Executor
+) -> dict[str, Any]:
     """Write every file of the run into `part` (which becomes `folder`) and return the object of `run --json`.
 
+    The second drive's files and the recording are written in `pool`, beside the report.
     `compiled` s of the wall time went into loading and compiling kernels; drives go on meanwhile, so it is not taken
     out of the real-time factor, which a first run therefore understates.
     """
+    # Imported here: the drives need not wait for it.
+    from rollingroad.viz.report import write_report
+
     task, learnt = products.task, products.learnt
     nearest = products.advised.comparison.nearest
     advised, advice = products.advised.drives[nearest], products.advised.advices[nearest]
-    write_car(task.car, part / "car.xml")
-    products.sensed.road_map.write(part / "road")
-    products.baseline.trip.write(part / "truth.parquet")
-    write_log(part / "log.dat", products.sensed.card)
-    write_estimate(products.estimate, part / "estimate.parquet")
-    write_map(learnt.efficiency_map, part, dict(learnt.fits))
-    write_advice(advice, part / "advice.parquet")
-    write_kml(products.baseline.trip, part / "trip.kml")
-    write_advised(task, advised, part / "advised")
+    beside = [pool.submit(write_advised, task, advised, part / "advised")]
+    try:
+        write_car(task.car, part / "car.xml")
+        products.sensed.road_map.write(part / "road")
+        products.baseline.trip.write(part / "truth.parquet")
+        write_log(part / "log.dat", products.sensed.card)
+        write_estimate(products.estimate, part / "estimate.parquet")
+        write_map(learnt.efficiency_map, part, dict(learnt.fits))
+        write_advice(advice, part / "advice.parquet")
+        write_kml(products.baseline.trip, part / "trip.kml")
 
-    results = figures(products, folder, watch, compiled)
-    found = learnt.efficiency_map
-    truth = true_efficiency(task.car, task.plant_settings, [products.baseline.trip])
-    omega, torque = np.meshgrid(found.engine_speed, found.torque, indexing="ij")
-    run = Run(
-        results=results,
-        car=task.car,
-        route=products.baseline.route,
-        baseline=products.baseline.trip,
-        advised=advised.trip,
-        log=products.sensed.log,
-        estimate=products.estimate,
-        efficiency_map=found,
-        fits=learnt.fits,
-        advice=advice,
-        true_efficiency=truth(omega, torque),
-        road_ahead=products.road,
-        folder=part,
-    )
-    write_recording(run, part / "run.rrd")
-    write_report(run, part / "report.html")
+        results = figures(products, folder, watch, compiled)
+        found = learnt.efficiency_map
+        truth = true_efficiency(task.car, task.plant_settings, [products.baseline.trip])
+        omega, torque = np.meshgrid(found.engine_speed, found.torque, indexing="ij")
+        run = Run(
+            results=results,
+            car=task.car,
+            route=products.baseline.route,
+            baseline=products.baseline.trip,
+            advised=advised.trip,
+            log=products.sensed.log,
+            estimate=products.estimate,
+            efficiency_map=found,
+            fits=learnt.fits,
+            advice=advice,
+            true_efficiency=truth(omega, torque),
+            road_ahead=products.road,
+            folder=part,
+        )
+        beside.append(pool.submit(record_run, run, part / "run.rrd"))
+        write_report(run, part / "report.html")
+        for written in beside:
+            written.result()
+    finally:
+        wait(beside)  # on a failure `part` is removed: nobody may still be writing there
     watch.lap("report")
     final = figures(products, folder, watch, compiled)
     write_json(part / "run.json", final)
@@ -144,6 +154,13 @@ def figures(products: Products, folder: Path, watch: Stopwatch, compiled: float)
         "versions": versions(),
         "task": described(task),
     }
+
+
+def record_run(run: Run, path: Path) -> None:
+    """Write the recording of `run`."""
+    from rollingroad.viz.recording import write_recording
+
+    write_recording(run, path)
 
 
 def write_advised(task: Task, advised: Drive, folder: Path) -> None:

@@ -139,7 +139,7 @@ def compare_run(
         watch.lap("drive")
         products = Products(task, network, baseline, sensed, estimate, learnt, road, advised, oracle, observe_s)
         with whole_folder(run) as part:
-            return write_products(products, part, run, watch, 0.0)
+            return write_products(products, part, run, watch, 0.0, pool)
 
 
 def _needed(run: Path, name: str, arrow: str) -> Path:

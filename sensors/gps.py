@@ -2,7 +2,6 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 from scipy.special import erfinv
 
 from sensors import nmea
@@ -22,6 +21,8 @@ WARM_UP = 20.0
 
 def gauss_markov(rng: np.random.Generator, count: int, step: float, time: float) -> NDArray[np.float64]:
     """A stationary first-order Gauss-Markov process (count,), deviation 1, correlation time `time` (s)."""
+    from scipy.signal import lfilter  # a third of what a process that drives, and senses nothing, would import
+
     keep = np.exp(-step / time)
     drive = rng.standard_normal(count) * np.sqrt(1.0 - keep * keep)
     drive[0] = rng.standard_normal()
@@ -32,6 +33,8 @@ def _lagged(values: NDArray[np.float64], step: float, lag: float) -> NDArray[np.
     """First-order low pass of time constant `lag`, at rest at first."""
     if lag <= 0.0:
         return values
+    from scipy.signal import lfilter  # see `gauss_markov`
+
     keep = np.exp(-step / lag)
     # The exact response to a straight line between samples, so that a steady drive lags by exactly `lag`.
     new = 1.0 - lag / step * (1.0 - keep)
