@@ -21,6 +21,7 @@ from observer.kernel import (
     GYROSCOPE,
     INJECTOR,
     MAP,
+    REPEATED,
     SKEW,
     SPEED_EVENT,
     STEP,
@@ -185,6 +186,7 @@ def fuel_steps(rows: NDArray[np.float64], opening_lag: float, power: float, cut_
     neighbours' the power stepped inside the interval, and the share of each neighbour says where; else at its edges.
     """
     pulses = rows[rows[:, 1] == INJECTOR]
+    pulses = pulses[np.diff(pulses[:, 0], prepend=-np.inf) >= REPEATED]
     if len(pulses) < 3:
         return np.empty((0, COLUMNS))
     t, energy = pulses[:, 0], power * np.maximum(pulses[:, 2] + opening_lag, 0.0)

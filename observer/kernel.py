@@ -111,11 +111,13 @@ FUSED, GATED, NOT_FINITE, REOPENED, STUCK, ANCHORED, POOR = np.arange(7)
     M_HINDSIGHT,
     M_PULSE_GAP,
     M_TOLD_SPEED,
+    M_SURPRISE,
     M_RATTLE,
-) = range(47)
-"""M_TOLD_SPEED: the speed as the receiver's own filter sees it. M_RATTLE and the two that follow: by how much the
-variance of the accelerometer's noise, x, y, z, exceeds the believed one, as a share of it."""
-M_SINCE = 49
+) = range(48)
+"""M_TOLD_SPEED: the speed as the receiver's own filter sees it. M_SURPRISE: how far off the forward acceleration was
+last, where that was a surprise, m/s2. M_RATTLE and the two that follow: by how much the variance of the accelerometer's
+noise, x, y, z, exceeds the believed one, as a share of it."""
+M_SINCE = 50
 """Since when each kind is being rejected (NaN: it is not)."""
 MEMORY = M_SINCE + KIND_CODES
 
@@ -211,6 +213,8 @@ READ = np.array([1, 2, 4, 9, 3, 8, 20, 21, 11, 13])
 SIGN_BAND = 0.1
 OVERDUE = 1.15
 """An injector pulse is overdue when the time since the last is so many times the interval before."""
+REPEATED = 2e-3
+"""s: an injector pulse that follows sooner is the last one told twice; no engine turns so fast."""
 HARDEST = 4.0
 """m/s2 by which a forward acceleration may be off and still be brakes; a spike is more."""
 SURPRISE = 9.0
@@ -540,8 +544,15 @@ def fuse(kind, z, r, aux, f):
         for k in range(size):
             S += hv[k] * ph[index[k]]
         nis = nu * nu / S
-        surprising = nis > (SURPRISE if mem[M_HINDSIGHT] > 0.0 else SURPRISE_LIVE) and abs(nu) < HARDEST
-        if kind == ACCELERATION_X and surprising and (nu < 0.0 or x[2] < BRAKING):
+        surprising = False
+        if kind == ACCELERATION_X:
+            if mem[M_HINDSIGHT] > 0.0:
+                surprising = nis > SURPRISE and abs(nu) < HARDEST
+            else:
+                # one reading may be a spike, two that agree are not
+                surprising = nis > SURPRISE_LIVE and abs(nu) < HARDEST and mem[M_SURPRISE] * nu > 0.25 * nu * nu
+                mem[M_SURPRISE] = nu if nis > SURPRISE_LIVE else 0.0
+        if surprising and (nu < 0.0 or x[2] < BRAKING):
             # thrust changed and no pulse told: brakes put on or released, or fuel that was cut a moment ago
             more = (nu * nu - S) / (hv[1] * hv[1])
             P[2, 2] += more
@@ -858,6 +869,9 @@ def on_injector(event, t, f):
     saturated = event[3] > 0.0
     if not (opening > 0.0 and opening < 0.1):
         note(INJECTED_ENERGY, opening, POOR, f)
+        return
+    if gap < REPEATED:
+        note(INJECTED_ENERGY, opening, STUCK, f)
         return
     energy = p[P_PULSE_POWER] * opening
     omega = max(abs(x[13]), 30.0)

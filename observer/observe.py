@@ -52,6 +52,8 @@ _UNKNOWN = (
 """Places of the memory that start as unknown."""
 SEGMENT = 8192
 """Events per segment of the backward pass: its tape then stays in the processor's cache and memory does not grow."""
+SPIKE = 1.5
+"""m/s2: ten usual deviations of a difference at low speed, five at 130 km/h."""
 _ROWS_PER_EVENT = np.array([3, 2, 4, 6, 0, 2, 1, 1, 1, 3, 1, 1])
 """Most scalar measurements that an event of each code can give."""
 _LINES_PER_EVENT = 16
@@ -225,12 +227,31 @@ class Hindsight(NamedTuple):
         return f
 
 
+def without_spikes(packets: NDArray[np.float64], forward: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return `packets` (n, COLUMNS) with readings of the accelerometer that stand out alone made NaN.
+
+    Alone: along `forward` (3,), the car's x in the sensor's axes, on the same side of both neighbours by `SPIKE`. What
+    moves a car lasts longer than one reading.
+    """
+    place = np.flatnonzero(packets[:, 1] == kernel.ACCELEROMETER)
+    if len(place) < 3:
+        return packets
+    with np.errstate(all="ignore"):
+        step = np.diff(packets[place, 2:5] @ forward)
+        before, after = step[:-1], -step[1:]
+        alone = (np.minimum(before, after) > SPIKE) | (np.maximum(before, after) < -SPIKE)
+    clean = packets.copy()
+    clean[place[1:-1][alone], 2:5] = math.nan
+    return clean
+
+
 def hindsight(packets: NDArray[np.float64], fresh: kernel.Filter) -> Hindsight:
     """Filter the admitted `packets` once more from `fresh`, knowing when the fuel changed (`events.fuel_steps`).
 
     Thrust may then change there and only there; else this is the causal filter.
     """
     parameters, settings = fresh.car, fresh.settings
+    packets = without_spikes(packets, parameters[kernel.P_ROTATION : kernel.P_ROTATION + 3])
     steps = fuel_steps(
         packets, parameters[kernel.P_PULSE_LAG], parameters[kernel.P_PULSE_POWER], settings[kernel.S_CUT_GAP]
     )

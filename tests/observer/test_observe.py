@@ -271,3 +271,26 @@ def test_brakes_that_are_released_are_gone_at_once(hindsight):
 def acceleration_of(f: kernel.Filter) -> float:
     """What the accelerometer reads in the state of `f`."""
     return model.measurement(model.ACCELERATION_X, f.x[:17], SMART, 0.0, squat=DEFAULT.body_squat)
+
+
+def test_a_pulse_told_twice_counts_once(log, estimate):
+    rng = np.random.default_rng(6)
+    injector = log["injector"]
+    twice = np.sort(np.concatenate([np.arange(len(injector)), rng.integers(0, len(injector), 300)]))
+    found = observe(changed(log, injector=injector[twice]), SMART)
+    np.testing.assert_array_equal(found.state, estimate.state)
+    np.testing.assert_array_equal(found.smoothed, estimate.smoothed)
+    assert np.count_nonzero(found.records["reason"] == "stuck") == 300
+
+
+def test_spikes_of_the_accelerometer_are_no_brakes(log, truth, estimate):
+    """Given 2 % of readings at random within 2 g, then thrust is hardly worse, live and in hindsight."""
+    rng = np.random.default_rng(12)
+    acc = log["accelerometer"].copy()
+    hit = rng.random(len(acc)) < 0.02
+    for axis in "xyz":
+        acc[axis][hit] = rng.uniform(-20.0, 20.0, int(hit.sum()))
+    found = observe(changed(log, accelerometer=acc), SMART)
+    for smoothed in (False, True):
+        usual = thrust_error(estimate, truth, smoothed=smoothed)
+        assert thrust_error(found, truth, smoothed=smoothed) < 1.5 * usual + 0.02
