@@ -82,7 +82,7 @@ def study(duration: float = 40.0, seed: int = 0, swing: float = 1.0) -> Study:
             sets.append(tuple(SENSORS[i] for i in rows))
             expected.append(norm * SCALE[INTAKE_BURNT] * 100.0)
             simulated.append(100.0 * float(np.sqrt(np.mean(error**2))))
-    time, burnt = np.arange(len(x)) * PERIOD, 100.0 * truth[:, INTAKE_BURNT]
+    time, burnt = np.arange(len(x), dtype=np.float64) * PERIOD, 100.0 * truth[:, INTAKE_BURNT]
     return Study(
         tuple(sets), np.array(expected), np.array(simulated), time, np.asarray(burnt, np.float64), np.array(tracks)
     )

@@ -27,3 +27,10 @@ def test_the_linter_finds_nothing():
         check=False,
     )
     assert result.returncode == 0, result.stdout
+
+
+def test_the_types_fit_together():
+    result = subprocess.run(
+        [sys.executable, "-m", "mypy", "--no-error-summary"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 0, result.stdout + result.stderr
