@@ -302,7 +302,8 @@ def _layout(trace: Trace, samples: Samples, nominal: Replay, car: Car, coarse: b
         index = np.flatnonzero(
             (wheel > 3.0) & np.isfinite(trace.gps["speed"]) & (at > 2) & (at < m.time[-1] - 2) & (rate < 2.5)
         )
-        add("gnss_speed", index, at[index].astype(int), at[index], np.full(len(index), 1), np.full(len(index), 0.06), 2)
+        label = (at[index] / max(1.0, 2.0 * float(np.median(np.diff(at))))).astype(int)  # at least two fixes a block
+        add("gnss_speed", index, label, at[index], np.full(len(index), 1), np.full(len(index), 0.06), 2)
         if np.isfinite(trace.force).mean() > 0.9:
             for name, column in (("height_gps", "altitude"), ("height_map", "map_altitude")):
                 index = np.flatnonzero(np.isfinite(trace.gps[column]) & (at > 2) & (at < m.time[-1] - 2))

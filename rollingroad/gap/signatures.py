@@ -175,6 +175,13 @@ def _wheel_radius(c: Context) -> list[Array]:
     return [-_speed_scaled(c, np.ones_like(v)), -_speed_scaled(c, (v / 27.78) ** 2)]
 
 
+def _tyre_radius(c: Context) -> list[Array]:
+    """As `_wheel_radius`, of the tyre itself and not of the sensor's scale: the engine turns with the wheel."""
+    from rollingroad.gap.design import RATIO
+
+    return [np.where(c.p.layout.channel == RATIO, 0.0, column) for column in _wheel_radius(c)]
+
+
 def _mount(c: Context) -> list[Array]:
     t = c.p.trace
     time = t.time - t.time[0]
@@ -266,6 +273,7 @@ def variants(car: Car) -> list[Variant]:
         _sensor("injector_fouling", (Column("flow_lost", "", 0.0, 0.05),), lambda c: [c.fuel]),
         _sensor("wheel_slip", (Column("factor", "", 1.0, 1.0),), _wheel_slip),
         _sensor("wheel_radius", (Column("change", "", 0.0, 0.012), Column("growth", "", 0.0, 0.004)), _wheel_radius),
+        _sensor("wheel_radius", (Column("change", "", 0.0, 0.012), Column("growth", "", 0.0, 0.004)), _tyre_radius),
         _sensor("accelerometer_mount",
                 (Column("pitch", "rad", 0.0, 0.03), Column("scale", "", 0.0, 0.03), Column("drift", "m/s2/h", 0.0,
                     0.15)), _mount),
