@@ -112,12 +112,15 @@ FUSED, GATED, NOT_FINITE, REOPENED, STUCK, ANCHORED, POOR = np.arange(7)
     M_PULSE_GAP,
     M_TOLD_SPEED,
     M_SURPRISE,
+    M_LATE,
+    M_LATE_LEAST,
     M_RATTLE,
-) = range(48)
+) = range(50)
 """M_TOLD_SPEED: the speed as the receiver's own filter sees it. M_SURPRISE: how far off the forward acceleration was
-last, where that was a surprise, m/s2. M_RATTLE and the two that follow: by how much the variance of the accelerometer's
-noise, x, y, z, exceeds the believed one, as a share of it."""
-M_SINCE = 50
+last, where that was a surprise, m/s2. M_LATE: fixes in a row that were far later than the earliest ever. M_RATTLE and
+the two that follow: by how much the variance of the accelerometer's noise, x, y, z, exceeds the believed one, as a
+share of it."""
+M_SINCE = 52
 """Since when each kind is being rejected (NaN: it is not)."""
 MEMORY = M_SINCE + KIND_CODES
 
@@ -215,6 +218,8 @@ OVERDUE = 1.15
 """An injector pulse is overdue when the time since the last is so many times the interval before."""
 REPEATED = 2e-3
 """s: an injector pulse that follows sooner is the last one told twice; no engine turns so fast."""
+LATE, LATE_FIXES = 0.3, 25.0
+"""s beyond the earliest arrival of a fix ever seen; so many in a row and the earliest was an error."""
 HARDEST = 4.0
 """m/s2 by which a forward acceleration may be off and still be brakes; a spike is more."""
 SURPRISE = 9.0
@@ -978,6 +983,15 @@ def on_gps(event, t, f):
     if mem[M_CLOCK_SET] == 0.0 or clock < mem[M_CLOCK] or clock > mem[M_CLOCK] + 5.0:
         mem[M_CLOCK] = clock
         mem[M_CLOCK_SET] = 1.0
+    # so late for so long: the logger's clock has been set anew
+    if clock > mem[M_CLOCK] + LATE:
+        mem[M_LATE_LEAST] = min(mem[M_LATE_LEAST], clock) if mem[M_LATE] > 0.0 else clock
+        mem[M_LATE] += 1.0
+        if mem[M_LATE] >= LATE_FIXES:
+            mem[M_CLOCK] = mem[M_LATE_LEAST]
+            mem[M_LATE] = 0.0
+    else:
+        mem[M_LATE] = 0.0
     lag = clock - mem[M_CLOCK] + s[S_GPS_ARRIVAL] + s[S_GPS_LAG]
     if mem[M_ORIGIN_SET] == 0.0:
         phi = math.radians(lat)

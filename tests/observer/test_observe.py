@@ -155,6 +155,16 @@ def test_the_clock_may_be_set_anew(log):
     assert found.time[-1] == pytest.approx(log["accelerometer"]["t"][-1], abs=3.0)
 
 
+def test_one_early_fix_does_not_make_all_others_late(log, estimate):
+    """Given a fix stamped 2 s too early, then the receiver's lag is right again within ten seconds."""
+    gps = log["gps"].copy()
+    wrong = int(np.searchsorted(gps["t"], 100.0))
+    gps["utc"][wrong] += 2.0
+    found = observe(changed(log, gps=gps), SMART)
+    late = found.time > 115.0
+    np.testing.assert_allclose(found.column("speed")[late], estimate.column("speed")[late], rtol=0, atol=0.02)
+
+
 def test_biases_are_carried_over(truth, log, estimate):
     """Without GPS, knowing the biases from an earlier trip helps."""
     deaf = changed(log, gps=log["gps"][:0])
