@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-Row = dict[str, str | float]
+Row = dict[str, str | float | None]
 RATES = ("x_real_time", "MB/s", "samples/s")
 """Units of which more is faster; of the others less is."""
 

@@ -28,7 +28,7 @@ NAMES = (
     "estimator_spe",
 )
 """What CLI.md names, in its order."""
-MODULES = ("observer", "plant", "controller", "traffic", "diagnosis", "estimators", "growth")
+MODULES = ("observer", "plant", "controller", "traffic", "diagnosis", "estimators", "growth", "memory", "scale")
 """Modules of `benchmarks` that may measure them: `BENCHMARKS`, and `LONG` for what takes long."""
 
 Measure = Callable[[], list[dict[str, Any]]]

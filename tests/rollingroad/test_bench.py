@@ -54,3 +54,27 @@ def test_the_growth_exponent_of_a_square_is_two() -> None:
 
     sizes = [1.0, 10.0, 100.0, 1000.0]
     assert exponent(sizes, [3.0 * size**2 for size in sizes]) == pytest.approx(2.0)
+
+
+def test_a_card_streamed_piece_by_piece_gives_the_lines_of_the_whole(tmp_path: Path) -> None:
+    from benchmarks import memory
+    from observer.observe import observe
+    from sensors.packets import read_log
+    from vehicle_model.car.files import read_car
+
+    card = tmp_path / "card.dat"
+    memory._write(card, 0.02)
+    assert memory._observe(card)["hours"] == len(observe(read_log(card), read_car("smart")).time) / 36_000.0
+
+
+def test_the_long_benchmarks_each_have_a_name_of_their_own() -> None:
+    long = benchmarks("LONG")
+    assert not set(long) & set(NAMES)
+    assert {"observer_growth", "vehicles_growth", "cells_growth", "effects_growth", "memory_10h", "faults"} <= set(long)
+
+
+def test_a_campaign_of_few_events_against_the_observer_fails_nowhere() -> None:
+    from benchmarks.growth import fuzz_observer
+
+    (row,) = fuzz_observer(60_000)
+    assert row["value"] == 0.0 and row["reference_value"] >= 60_000
