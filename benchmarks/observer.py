@@ -15,9 +15,10 @@ import casadi as ca
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
 
-from observer import model, runge_kutta
+from observer import kernel, model, runge_kutta
 from observer.events import prepare, with_grid
-from observer.observe import observe
+from observer.observe import observe, start
+from observer.settings import DEFAULT
 from sensors.box import record
 from sensors.packets import decode
 from vehicle_model.car.files import read_car
@@ -194,10 +195,38 @@ def observer_stream(repeats: int = 3) -> list[Row]:
     return [_row("observer_stream", value, "x_real_time", "filterpy", reference, faster="more")]
 
 
-BENCHMARKS = {"observer_event": observer_event, "observer_stream": observer_stream}
+def observer_recording(repeats: int = 15) -> list[Row]:
+    """The live filter over a WLTC's events with a record of every measurement, us an event; reference: without."""
+    car = read_car("smart")
+    trip, _ = run_cycle(car, "wltc")
+    events = with_grid(prepare(decode(record(trip, car, seed=0)))[0])
+    lines = int(np.count_nonzero(events[:, 1] == kernel.GRID))
+    records, grid_x, grid_P = np.zeros((6 * len(events), 7)), np.zeros((lines, kernel.NX)), np.zeros((lines, kernel.NX))
+
+    def work(recording: int) -> float:
+        fresh = start(car, DEFAULT, None, float(events[0, 0]))
+        f = fresh._replace(records=records, grid_x=grid_x, grid_P=grid_P)
+        f.counts[kernel.RECORDING] = recording
+        began = time.process_time()
+        kernel.advance(events, 0, len(events), f)
+        return (time.process_time() - began) / len(events) * 1e6
+
+    work(1)
+    # in turn, so that a busy machine slows both alike
+    pairs = [(work(1), work(0)) for _ in range(repeats)]
+    told, mute = (min(pair[k] for pair in pairs) for k in (0, 1))
+    return [_row("observer_recording", told, "us", "without records", mute)]
+
+
+BENCHMARKS = {
+    "observer_event": observer_event,
+    "observer_stream": observer_stream,
+    "observer_recording": observer_recording,
+}
 """Name of `rollingroad bench` -> the function that measures it."""
 
 
 if __name__ == "__main__":
-    for row in observer_event() + observer_stream():
-        print(row)
+    for measured in BENCHMARKS.values():
+        for row in measured():
+            print(row)
