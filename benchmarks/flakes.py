@@ -7,6 +7,7 @@ the first, whatever the baselines are. One process, so that an evening's machine
 import json
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +17,16 @@ from rollingroad.evaluation.store import Store
 RUNS = 20
 
 
-def campaign(runs: int = RUNS, names: tuple[str, ...] = ()) -> dict[str, Any]:
+def campaign(
+    runs: int = RUNS, names: tuple[str, ...] = (), tell: Callable[[str], None] = lambda text: None
+) -> dict[str, Any]:
     """Run the scenarios `names` (the short set by default) `runs` times; what failed and what differed, by scenario."""
     known = suite_scenarios()
     chosen = {name: known[name] for name in names or read_suite().short}
     first: dict[str, dict[str, Any]] = {}
     failed: dict[str, int] = {}
     differed: dict[str, int] = {}
-    for _ in range(runs):
+    for run in range(runs):
         with tempfile.TemporaryDirectory(prefix="flakes-") as folder:
             found = measure(chosen, Store(Path(folder)), workers=1)
         for name, result in found.items():
@@ -31,8 +34,10 @@ def campaign(runs: int = RUNS, names: tuple[str, ...] = ()) -> dict[str, Any]:
                 failed[name] = failed.get(name, 0) + 1
             elif first.setdefault(name, result) != result:
                 differed[name] = differed.get(name, 0) + 1
+        tell(f"{run + 1} runs: {sum(failed.values())} failed, {sum(differed.values())} differed")
     return {"runs": runs, "scenarios": len(chosen), "failed": failed, "differed": differed}
 
 
 if __name__ == "__main__":
-    print(json.dumps(campaign(int(sys.argv[1]) if len(sys.argv) > 1 else RUNS)))
+    many = int(sys.argv[1]) if len(sys.argv) > 1 else RUNS
+    print(json.dumps(campaign(many, tell=lambda text: print(text, file=sys.stderr))))
