@@ -188,7 +188,7 @@ def _mount(c: Context) -> list[Array]:
     g = c.car.gravity
     known = np.where(np.isfinite(t.force), t.force, 0.0)
     return [
-        _moved(c, force=t.force + 0.01 * g) / 0.01,
+        _moved(c, force=t.force - 0.01 * g) / 0.01,  # the box's nose up by more than the file says: it reads less
         _moved(c, force=t.force + 0.02 * known) / 0.02,
         _moved(c, force=t.force + 0.1 * time / 3600.0) / 0.1,
     ]
