@@ -11,7 +11,7 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import CancelledError
+from concurrent.futures import BrokenExecutor, CancelledError
 from concurrent.futures import TimeoutError as UnitTimeout
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -78,6 +78,8 @@ def run_unit(unit: Unit, timeout: float | None) -> tuple[dict[str, Any] | None, 
         return None, f"took longer than {timeout:g} s and was stopped", ""
     except ProcessExpired as death:
         return None, f"its process died (exit code {death.exitcode})", ""
+    except BrokenExecutor as death:  # so fast that pebble gave the pool up; `_child` starts another
+        return None, f"its process died ({death})", ""
     except Exception as error:
         return None, f"{type(error).__name__}: {error}", traceback.format_exc()
 
