@@ -35,8 +35,7 @@ FLOOR = {"speed": 0.02, "thrust": 30.0}
 """Errors below which nobody asks for half (m/s, N): the clean error of one short stretch is partly luck."""
 WAYS = ("nan", "infinite", "absurd", "wrong", "lost", "doubled", "stamp", "repeated", "shuffled")
 HONEST_STAMPS = tuple(way for way in WAYS if way not in ("stamp", "shuffled"))
-"""Without false stamps. With them a clock taken for set anew leaves the receiver's lag wrong, and with it the speed by
-0.1 to 0.2 m/s, in one log of six: see docs/observer.md."""
+"""Without false stamps."""
 
 
 @dataclass(frozen=True)
