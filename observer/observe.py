@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 
 from observer import kernel
 from observer.estimate import Estimate
@@ -54,6 +55,8 @@ SEGMENT = 8192
 """Events per segment of the backward pass: its tape then stays in the processor's cache and memory does not grow."""
 SPIKE = 1.5
 """m/s2: ten usual deviations of a difference at low speed, five at 130 km/h."""
+SPIKE_DEVIATIONS, SPIKE_WINDOW = 5.0, 201
+"""Where the accelerometer is noisier than that: in deviations of a reading, as the median over so many shows it."""
 _ROWS_PER_EVENT = np.array([3, 2, 4, 6, 0, 2, 1, 1, 1, 3, 1, 1])
 """Most scalar measurements that an event of each code can give."""
 _LINES_PER_EVENT = 16
@@ -230,8 +233,8 @@ class Hindsight(NamedTuple):
 def without_spikes(packets: NDArray[np.float64], forward: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return `packets` (n, COLUMNS) with readings of the accelerometer that stand out alone made NaN.
 
-    Alone: along `forward` (3,), the car's x in the sensor's axes, on the same side of both neighbours by `SPIKE`. What
-    moves a car lasts longer than one reading.
+    Alone: along `forward` (3,), the car's x in the sensor's axes, on the same side of both neighbours by `SPIKE`, or by
+    `SPIKE_DEVIATIONS` of the readings around it if that is more. What moves a car lasts longer than one reading.
     """
     place = np.flatnonzero(packets[:, 1] == kernel.ACCELEROMETER)
     if len(place) < 3:
@@ -239,7 +242,10 @@ def without_spikes(packets: NDArray[np.float64], forward: NDArray[np.float64]) -
     with np.errstate(all="ignore"):
         step = np.diff(packets[place, 2:5] @ forward)
         before, after = step[:-1], -step[1:]
-        alone = (np.minimum(before, after) > SPIKE) | (np.maximum(before, after) < -SPIKE)
+        # white noise of deviation s makes the sum of both differences scatter by s times the root of 6
+        usual = median_filter(np.nan_to_num(np.abs(before + after)), SPIKE_WINDOW, mode="nearest")
+        least = np.maximum(SPIKE, SPIKE_DEVIATIONS * usual / (0.6745 * math.sqrt(6.0)))
+        alone = (np.minimum(before, after) > least) | (np.maximum(before, after) < -least)
     clean = packets.copy()
     clean[place[1:-1][alone], 2:5] = math.nan
     return clean

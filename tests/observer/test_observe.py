@@ -8,8 +8,9 @@ from synthetic import SMART, Truth, drive, sense
 
 from observer import kernel, model
 from observer.estimate import STATES, Estimate
+from observer.events import prepare
 from observer.fixed_lag import observe_lagged
-from observer.observe import observe, start
+from observer.observe import observe, start, without_spikes
 from observer.settings import DEFAULT
 from observer.stream import Observer
 from sensors.log import SensorLog
@@ -291,6 +292,16 @@ def test_a_pulse_told_twice_counts_once(log, estimate):
     np.testing.assert_array_equal(found.state, estimate.state)
     np.testing.assert_array_equal(found.smoothed, estimate.smoothed)
     assert np.count_nonzero(found.records["reason"] == "stuck") == 300
+
+
+def test_noise_is_no_spike(log):
+    """Given an accelerometer of 1 m/s2 of noise over half the drive, hardly an honest reading is taken for a spike."""
+    acc = log["accelerometer"].copy()
+    half = len(acc) // 2
+    acc["x"][half:] += np.random.default_rng(3).normal(0.0, 1.0, len(acc) - half)
+    packets, _ = prepare(changed(log, accelerometer=acc))
+    clean = without_spikes(packets, np.array([1.0, 0.0, 0.0]))
+    assert np.isnan(clean[:, 2]).sum() - np.isnan(packets[:, 2]).sum() < 1e-3 * len(acc)
 
 
 def test_spikes_of_the_accelerometer_are_no_brakes(log, truth, estimate):
