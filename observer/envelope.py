@@ -102,9 +102,16 @@ def _drag(omega: NDArray, torque: NDArray, car: Car, columns: int, step: float) 
     """
     if not len(omega):
         return np.full(columns, np.nan)
+    return _shown(omega, torque, car, columns, step, 1.0, LEAST_OVERRUN)
+
+
+def _shown(
+    omega: NDArray, torque: NDArray, car: Car, columns: int, step: float, size: float, weight: float
+) -> NDArray[np.float64]:
+    """Drag torque of every column, N m: `size` times the default's, believed for `weight` s against the samples."""
     seconds = len(omega) * step
-    ratio = max(float(np.quantile(torque / default_overrun(omega, car), 0.2)), 0.3)
-    scale = (seconds * ratio + LEAST_OVERRUN) / (seconds + LEAST_OVERRUN)
+    ratio = max(float(np.quantile(torque / (size * default_overrun(omega, car)), 0.2)), 0.3) if len(omega) else 1.0
+    scale = size * (seconds * ratio + weight) / (seconds + weight)
     return scale * default_overrun((np.arange(columns) + 0.5) * SPEED_STEP, car)
 
 
@@ -127,10 +134,7 @@ def drag_of_lines(trips: Sequence[OperatingPoints], lines: Fit, car: Car, column
         _joined(trips, lambda trip: trip.engine_speed[trip.cut]),
         _joined(trips, lambda trip: trip.torque[trip.cut]),
     )
-    seconds = len(turning) * (trips[0].step if trips else 0.1)
-    ratio = max(float(np.quantile(torque / (size * default_overrun(turning, car)), 0.2)), 0.3) if len(turning) else 1.0
-    scale = size * (seconds * ratio + WILLANS_SECONDS) / (seconds + WILLANS_SECONDS)
-    return scale * default_overrun((np.arange(columns) + 0.5) * SPEED_STEP, car)
+    return _shown(turning, torque, car, columns, trips[0].step if trips else 0.1, size, WILLANS_SECONDS)
 
 
 def full_throttle(trip: OperatingPoints, car: Car) -> NDArray[np.bool_]:

@@ -5,36 +5,18 @@ from numba import njit
 from observer import kernel
 
 
-@njit
-def acceleration(*args):
-    return kernel.acceleration(*args)
+def _callable(function):
+    @njit
+    def called(*args):
+        return function(*args)
+
+    return called
 
 
-@njit
-def transition(*args):
-    return kernel.transition(*args)
-
-
-@njit
-def predict(*args):
-    return kernel.predict(*args)
-
-
-@njit
-def sparse_row(*args):
-    return kernel.sparse_row(*args)
-
-
-@njit
-def fuse(*args):
-    return kernel.fuse(*args)
-
-
-@njit
-def move(*args):
-    return kernel.move(*args)
-
-
-@njit
-def on_accelerometer(*args):
-    return kernel.on_accelerometer(*args)
+acceleration = _callable(kernel.acceleration)
+transition = _callable(kernel.transition)
+predict = _callable(kernel.predict)
+sparse_row = _callable(kernel.sparse_row)
+fuse = _callable(kernel.fuse)
+move = _callable(kernel.move)
+on_accelerometer = _callable(kernel.on_accelerometer)
