@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from observer.observe import pulse_angle
 from rollingroad.gap.channels import Correction, Prepared, block_means, resensed, values
+from rollingroad.gap.design import CLOCK, RATIO
 from rollingroad.gap.replay import replay_vector, vector_of
 from vehicle_model.car.parameters import Car
 
@@ -177,8 +178,6 @@ def _wheel_radius(c: Context) -> list[Array]:
 
 def _tyre_radius(c: Context) -> list[Array]:
     """As `_wheel_radius`, of the tyre itself and not of the sensor's scale: the engine turns with the wheel."""
-    from rollingroad.gap.design import RATIO
-
     return [np.where(c.p.layout.channel == RATIO, 0.0, column) for column in _wheel_radius(c)]
 
 
@@ -219,8 +218,6 @@ def _gps_lag(c: Context) -> list[Array]:
 
 
 def _clock(c: Context) -> list[Array]:
-    from rollingroad.gap.design import CLOCK
-
     return [(c.p.layout.channel == CLOCK).astype(float)]
 
 
