@@ -292,9 +292,9 @@ def _layout(trace: Trace, samples: Samples, nominal: Replay, car: Car, coarse: b
         add("idle_speed", index, block[index], m.time[index], np.full(len(index), 0), np.full(len(index), 2.0), 10)
         launches = _events(samples.regime == REGIMES.index("launch"), 4, 60)
         shifts = _events((m.gear == 0) & ~trace.cut & (m.speed > 3.5), 2, 12)
-        for name, (index, label), sigma in (("launch_speed", launches, 12.0), ("shift_time", shifts, 0.25)):
+        for name, (index, label), spread in (("launch_speed", launches, 12.0), ("shift_time", shifts, 0.25)):
             regime = np.full(len(index), 3 if name == "launch_speed" else 4)
-            add(name, index, label, m.time[index], regime, np.full(len(index), sigma), 1)
+            add(name, index, label, m.time[index], regime, np.full(len(index), spread), 1)
     if trace.gps and len(trace.gps["t"]) > 100:
         at = trace.gps["t"] - trace.time[0]
         wheel = np.interp(at - LAG, m.time, m.speed)

@@ -277,7 +277,7 @@ WALK = 1.3
 def whitener(p: Prepared, noise: Noise) -> Callable[[Array], Array]:
     """Return the function that turns (m,) or (m, k) over the trip's blocks into independent units of deviation."""
     layout = p.layout
-    pieces: list[tuple[NDArray, Array]] = []
+    pieces: list[tuple[NDArray[np.intp], NDArray[np.floating]]] = []
     heights = np.flatnonzero((layout.channel == HEIGHT_GPS) | (layout.channel == HEIGHT_MAP))
     if len(heights):
         pieces.append((heights, np.linalg.cholesky(_height_covariance(p, heights, noise))))

@@ -248,7 +248,7 @@ class Calibration:
     @property
     def mean(self) -> Array:
         """Posterior mean of the calibration's coefficients."""
-        return np.linalg.solve(self.information, self.vector)
+        return np.asarray(np.linalg.solve(self.information, self.vector), float)
 
 
 def _information(gram: Array, layout: Layout, scale: float = 1.0) -> tuple[Array, Array]:
@@ -411,7 +411,7 @@ def _dispersion(done: Sequence[Whitened], layout: Layout, library: Library) -> f
     if len(done) < 2:
         return 1.5
     total = sum((w.gram for w in done), np.zeros_like(done[0].gram))
-    scores = []
+    scores: list[float] = []
     for w in done:
         information, vector = _information(total - w.gram, layout)
         left = Calibration(information, vector, default_noise(), 1.0, len(done) - 1)
@@ -419,7 +419,7 @@ def _dispersion(done: Sequence[Whitened], layout: Layout, library: Library) -> f
         size = np.diag(r.information)[: layout.effects]
         alone = size * library.sd**2
         z2 = r.vector[: layout.effects] ** 2 / np.maximum(size, 1e-12)
-        scores.append(np.mean(np.minimum(z2[alone > 1.0], 25.0)) if (alone > 1.0).any() else 1.0)
+        scores.append(float(np.mean(np.minimum(z2[alone > 1.0], 25.0))) if (alone > 1.0).any() else 1.0)
     mean, count = float(np.mean(scores)), len(scores)
     return float(np.clip((mean * count + 1.0 * 2.0) / (count + 2.0), 1.0, 4.0))
 
@@ -567,8 +567,8 @@ def _outside(
     both = {}
     for i in new:  # a regressor that a named effect could stand for would bring that effect in by the back door
         if i != first:
-            index = [first, int(i)]
-            both[int(i)] = fit(r, [offset + n for n in index], sd[index])
+            two = [first, int(i)]
+            both[int(i)] = fit(r, [offset + n for n in two], sd[two])
     found = ([first], alone[first])
     log = log_mean_exp(np.array([f.log_bayes for f in alone.values()]))
     if both:

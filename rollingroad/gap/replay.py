@@ -84,7 +84,7 @@ def vector_of(car: Car, settings: Mapping[str, float] | None = None) -> Array:
     return _vectors[key]
 
 
-def _table(p: Array, base: int, speed: Array) -> Array:
+def _table(p: Array, base: int | np.signedinteger, speed: Array) -> Array:
     return np.interp(speed * p[k.P_TABLE_RATE], np.arange(k.TABLE), p[base : base + k.TABLE])
 
 

@@ -21,6 +21,7 @@ from rollingroad.gap.evidence import (
     reduce,
     stack,
 )
+from rollingroad.gap.signatures import Variant
 from rollingroad.gap.where import signal
 
 Array = NDArray[np.float64]
@@ -145,7 +146,7 @@ def _columns_of(chosen, posterior: Posterior, library: Library, layout: Layout, 
         )
     if len(chosen) == 2:
         first, second, _ = posterior.pair_fits[chosen]
-        variants = (first, second)
+        variants: tuple[Variant, ...] = (first, second)
     else:
         variants = (posterior.fits[chosen[0]][0],)
     index = np.concatenate([np.arange(places[id(v)].start, places[id(v)].stop) for v in variants])

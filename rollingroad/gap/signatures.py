@@ -9,6 +9,7 @@ values.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,7 +107,7 @@ def _sensor(effect: str, columns: tuple[Column, ...], make: Callable[[Context], 
     return Variant(effect, columns, {}, lambda c: np.stack(make(c), axis=1))
 
 
-def _moved(c: Context, **channels: Array) -> Array:
+def _moved(c: Context, **channels: Any) -> Array:
     """Change of the residuals if the trace's `channels` were these."""
     return (
         values(resensed(c.p, replace(c.p.trace, **channels), c.car, c.vector), c.car, c.vector, c.correction)

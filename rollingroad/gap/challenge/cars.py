@@ -80,18 +80,19 @@ def draw(rng: np.random.Generator) -> Car:
     small = rng.random() < 0.6
     if small:
         ratios = np.array([13.25, 9.604, 7.37, 5.796, 4.208, 3.23])
-        d = dict(displacement_cc=698.0, cylinders=3, power=60.0, power_rpm=5250.0, torque=110.0, torque_rpm=4500.0,
-                 idle=850.0, engine_inertia=0.061, wheel_inertia=0.62, cd=0.39, crr=0.0125, area=1.93, wet=844.0,
-                 flow=0.008, lag=-0.0004, tick=0.270183975491887, tyre="205/45 R16", compression=9, make="Smart",
-                 charger=" Turbo",
-                 model="Roadster", radius=0.2954, stroke=0.067)  # fmt: skip
+        d: dict[str, float] = dict(displacement_cc=698.0, cylinders=3, power=60.0, power_rpm=5250.0, torque=110.0,
+                 torque_rpm=4500.0, idle=850.0, engine_inertia=0.061, wheel_inertia=0.62, cd=0.39,
+                 crr=0.0125, area=1.93, wet=844.0,
+                 flow=0.008, lag=-0.0004, tick=0.270183975491887, compression=9,
+                 radius=0.2954, stroke=0.067)  # fmt: skip
+        words = dict(tyre="205/45 R16", make="Smart", charger=" Turbo", model="Roadster")
     else:
         ratios = np.array([13.1, 7.72, 5.58, 4.36, 3.46])
         d = dict(displacement_cc=1997.0, cylinders=4, power=130.0, power_rpm=7000.0, torque=202.0, torque_rpm=4750.0,
                  idle=850.0, engine_inertia=0.16, wheel_inertia=0.8, cd=0.33, crr=0.0115, area=2.08, wet=1100.0,
-                 flow=0.0152, lag=-0.0005, tick=0.29, tyre="205/40 R17", compression=11, make="Peugeot", charger="",
-                 model="206RC",
+                 flow=0.0152, lag=-0.0005, tick=0.29, compression=11,
                  radius=0.298, stroke=0.088)  # fmt: skip
+        words = dict(tyre="205/40 R17", make="Peugeot", charger="", model="206RC")
     for name, spread in (("wet", 0.06), ("cd", 0.05), ("crr", 0.08), ("displacement_cc", 0.05), ("torque", 0.05)):
         d[name] *= 1.0 + spread * rng.uniform(-1, 1)
     d["power"] = min(d["power"], 0.93 * d["torque"] * d["power_rpm"] / 9549.3)
@@ -100,7 +101,7 @@ def draw(rng: np.random.Generator) -> Car:
         roll=rng.normal(0, 0.03), pitch=rng.normal(0, 0.04), yaw=rng.normal(0, 0.05), scale=1.0 + rng.normal(0, 0.01)
     )
     lines = "\n".join(f'    <{ORDINALS[i]} gear="{g:.3f}" />' for i, g in enumerate(ratios))
-    xml = XML.format(**d, gears=len(ratios), gear_lines=lines)
+    xml = XML.format(**d, **words, gears=len(ratios), gear_lines=lines)
 
     def inside(name: str) -> float:
         return 1.0 + TOLERANCE[name] * rng.uniform(-1, 1)

@@ -137,7 +137,7 @@ def _engine(car: Car, drive: Drive) -> Array:
     burnt, w, load = drive["burnt"], drive["engine_speed"], drive["throttle"]
     firing, locked = burnt > 0, drive["clutch"] == 1
     moving = drive["speed"] > 0.3
-    rows = []
+    rows: list[tuple[NDArray[np.floating] | None, NDArray[np.floating] | None]] = []
     for speed in MAP_SPEEDS:
         for share in MAP_LOADS:
             place = np.exp(-0.5 * ((w - speed) / 60.0) ** 2 - 0.5 * ((load - share) / 0.18) ** 2)
@@ -162,7 +162,7 @@ def _prior(trips: int) -> Array:
     return np.array([3.0 / TOLERANCE[n] ** 2 for n in TOLERANCES] + [3.0 / TOLERANCE["wind"] ** 2] * (2 * trips))
 
 
-def _means(x: Array) -> Array:
+def _means(x: NDArray[np.floating]) -> Array:
     n = len(x) // BLOCK
     return x[: n * BLOCK].reshape(n, BLOCK).mean(axis=1)
 

@@ -200,7 +200,10 @@ def _plan(number: int, kind: str, seed: int) -> Plan:
 
     physics = [e for e in EFFECTS if e.kind == "physics"]
     sensors = [e for e in EFFECTS if e.kind == "sensor"]
-    hidden, hide, parts = False, (), ()
+    hidden = False
+    hide: tuple[str, ...] = ()
+    parts: tuple[Part | None, ...] = ()
+    ids: tuple[str, ...]
     if kind == "single":
         parts = (drawn(physics, strength, False),)
     elif kind == "sensor":

@@ -47,11 +47,11 @@ def draw(
                 stops.append(at - 2 * DS)
                 since_stop = 0.0
     stops.append(at - 15 * DS)
-    kappa = _smooth(np.concatenate(curvature), 3)
-    limit = np.concatenate(wish)
-    speed = _passable(_smooth(limit, 2, minimum=True))
-    n = len(kappa)
-    heading = rng.uniform(0, 2 * np.pi) + np.cumsum(kappa) * DS
+    bends = _smooth(np.concatenate(curvature), 3)
+    wished = np.concatenate(wish)
+    speed = _passable(_smooth(wished, 2, minimum=True))
+    n = len(bends)
+    heading = rng.uniform(0, 2 * np.pi) + np.cumsum(bends) * DS
     noise = _smooth(rng.normal(size=n), 60)
     grade = np.clip(hills * _smooth(np.concatenate(grade_sd), 50) * noise / max(noise.std(), 1e-9), -0.09, 0.09)
     pitch = np.arctan(grade)
@@ -59,7 +59,7 @@ def draw(
     north = np.cumsum(np.cos(heading) * np.cos(pitch)) * DS
     east = np.cumsum(np.sin(heading) * np.cos(pitch)) * DS
     waits = rng.uniform(3, 35, len(stops))
-    return Road(DS, altitude, pitch, heading, kappa, speed, north, east, np.array(stops), waits, limit)
+    return Road(DS, altitude, pitch, heading, bends, speed, north, east, np.array(stops), waits, wished)
 
 
 def osm(
