@@ -7,6 +7,9 @@ from functools import partial
 import numpy as np
 
 from controller import acceleration, distance, hill_road, reference_cases, speed_limit, vector_cost
+from controller.acceleration_direct import direct
+from controller.acceleration_multiple import shoot_multiple
+from controller.acceleration_programme import dynamic_programming
 from controller.controller_model import RPM, THESIS, THESIS_CVT, ControllerModel, model_of
 from controller.pulse_and_glide import pulse_and_glide
 from controller.soft_driving import compare
@@ -49,11 +52,11 @@ def _accelerate(
 ) -> list[Solution]:
     solvers: dict[str, Callable[..., Solution]] = {
         "indirect": acceleration.shoot,
-        "indirect-multiple": acceleration.shoot_multiple,
-        "direct": acceleration.direct,
-        "direct-single": partial(acceleration.direct, transcription="single"),
-        "direct-multiple": partial(acceleration.direct, transcription="multiple"),
-        "dp": acceleration.dynamic_programming,
+        "indirect-multiple": shoot_multiple,
+        "direct": direct,
+        "direct-single": partial(direct, transcription="single"),
+        "direct-multiple": partial(direct, transcription="multiple"),
+        "dp": dynamic_programming,
     }
     return [replace(solvers[m](model, start, target, duration, case=case), method=m) for m in methods]
 

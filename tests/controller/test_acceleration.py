@@ -8,7 +8,8 @@ import pytest
 from scipy.integrate import quad
 
 from controller import acceleration_kernel as kernel
-from controller.acceleration import multiple_shooting, shoot, synthesis_table
+from controller.acceleration import shoot, synthesis_table
+from controller.acceleration_multiple import multiple_shooting
 from controller.controller_model import PHI, THESIS, THESIS_CVT
 from controller.problem import acceleration_problem
 from vehicle_model.car.errors import BadInput
