@@ -9,87 +9,17 @@ is SI.
 import re
 import tomllib
 from importlib import resources
-from math import pi
 from pathlib import Path
 from xml.etree import ElementTree
-from xml.sax.saxutils import quoteattr
 
 from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
+from vehicle_model.car.car_xml import car_xml
 from vehicle_model.car.errors import BadInput
+from vehicle_model.car.form import FORM, GEAR_NAMES, LABELS, RPM, Values
 from vehicle_model.car.limits import check_car
 from vehicle_model.car.parameters import Car, Driveline, Engine, Fuel, Injector, Mounting, Tolerances
-
-GEAR_NAMES = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth")
-RPM = 2.0 * pi / 60.0
-
-# (element path, attribute) of C.1.2 -> None where it is required, else what is assumed when absent
-FORM: dict[tuple[str, str], str | None] = {
-    ("car/owner", "owner"): "",
-    ("car/make", "make"): "",
-    ("car/model", "model"): "",
-    ("car/year", "year"): "",
-    ("car/color", "color"): "",
-    ("engine/type", "type"): "",
-    ("engine/displacement", "displacement"): None,
-    ("engine/power", "power"): None,
-    ("engine/torque", "torque"): None,
-    ("engine/compression", "comp"): None,
-    ("engine/idle", "rpm"): None,
-    ("engine/inertia", "lumped"): None,
-    ("wheels/tire", "summer"): None,
-    ("wheels/inertia", "lumped"): None,
-    ("accelerometer", "type"): "",
-    ("accelerometer/calibration/roll", "phi"): "0",
-    ("accelerometer/calibration/pitch", "theta"): "0",
-    ("accelerometer/calibration/yaw", "psi"): "0",
-    ("accelerometer/calibration/scale", "scale"): "1",
-    ("transmission", "type"): "",
-    ("transmission/reverse", "gear"): "",
-    **{(f"transmission/{name}", "gear"): "" for name in GEAR_NAMES},
-    ("drag/aero", "Cd"): None,
-    ("drag/rolling", "Crr"): None,
-    ("area", "frontal"): None,
-    ("mass", "wet"): None,
-    ("inj/calibration", "fuelPerSecond"): None,
-    ("inj/calibration", "lag"): "0",
-    ("inj/timing", "pattern"): "sequential",
-    ("vss/calibration", "metersPerTick"): None,
-    # our own element
-    ("rollingroad", "name"): "",
-    ("rollingroad/engine", "cylinders"): "",
-    ("rollingroad/engine", "redline"): "",
-    ("rollingroad/engine", "turbocharged"): "",
-    ("rollingroad/engine", "friction"): "1",
-    ("rollingroad/engine", "throttling"): "1",
-    ("rollingroad/fuel", "density"): "745",
-    ("rollingroad/fuel", "heatingValue"): "43.0e6",
-    ("rollingroad/driver", "mass"): "76",
-    ("rollingroad/world", "airDensity"): "1.2",
-    ("rollingroad/world", "gravity"): "9.805",
-    ("rollingroad/wheels", "radius"): "",
-    ("rollingroad/driveline", "loss"): "0.04",
-    ("rollingroad/driveline", "dragTorque"): "6",
-    ("rollingroad/driveline", "shiftTime"): "0.35",
-    ("rollingroad/driveline", "launchRpm"): "0",
-    ("rollingroad/driveline", "variable"): "no",
-    ("rollingroad/driveline", "boostTime"): "-1",
-    ("rollingroad/driveline", "scheduleRpm"): "0",
-    ("rollingroad/driveline", "scheduleReserve"): "0.9",
-    ("rollingroad/driveline", "electricalPower"): "350",
-    ("rollingroad/tolerances", "mass"): "0.02",
-    ("rollingroad/tolerances", "rollingResistance"): "0.03",
-    ("rollingroad/tolerances", "dragArea"): "0.02",
-    ("rollingroad/tolerances", "fuel"): "0.005",
-    ("rollingroad/tolerances", "airDensity"): "0.005",
-    ("rollingroad/tolerances", "wheelRadius"): "0.001",
-    ("rollingroad/tolerances", "wind"): "0.4",
-}
-_LABELS = tuple(
-    key for key, default in FORM.items() if default == "" and key[0].split("/")[0] in ("car", "accelerometer")
-)
-Values = dict[tuple[str, str], str]
 
 
 def read_car(name_or_path: str | Path) -> Car:
@@ -291,7 +221,7 @@ def _car(values: Values, logs: tuple[str, ...], name: str, source: object) -> Ca
             electrical_power=number("rollingroad/driveline", "electricalPower"),
         ),
         labels={
-            **{path.replace("/", "."): text(path, attribute) for path, attribute in _LABELS},
+            **{path.replace("/", "."): text(path, attribute) for path, attribute in LABELS},
             "transmission": text("transmission", "type"),
             "transmission.reverse": text("transmission/reverse", "gear"),
             "wheels.tire": tyre,
@@ -352,117 +282,5 @@ def write_car(car: Car, path: str | Path) -> None:
     """Write `car` as XML (C.1.2 and our own element), aside and renamed; `read_car` gives an equal car back."""
     path = Path(path)
     aside = path.with_name(path.name + ".part")
-    aside.write_text(_xml(car), encoding="utf-8")
+    aside.write_text(car_xml(car), encoding="utf-8")
     aside.replace(path)
-
-
-def _exact(value: float, factor: float) -> float:
-    """The file's number that the reader turns into exactly `value` by `factor`."""
-    near = value / factor
-    for digits in range(1, 18):
-        candidate = float(f"{near:.{digits}g}")
-        if candidate * factor == value:
-            return candidate
-    return near
-
-
-def _xml(car: Car) -> str:
-    e, t, d = car.engine, car.tolerances, car.driveline
-
-    def say(tag: str, **attributes: object) -> str:
-        parts = [f"{key}={quoteattr(v if isinstance(v, str) else repr(v))}" for key, v in attributes.items()]
-        return f"<{' '.join([tag, *parts])} />"
-
-    label = car.labels.get
-    lines = ['<?xml version="1.0" encoding="UTF-8" ?>', "<ponthy_config>", "  <car>"]
-    lines += [
-        f"    {say(word, **{word: label(f'car.{word}', '')})}" for word in ("owner", "make", "model", "year", "color")
-    ]
-    power = f"{_exact(e.max_power, 1e3)!r}kW @{_exact(e.max_power_speed, RPM)!r}rpm"
-    torque = f"{e.max_torque!r}Nm @{_exact(e.max_torque_speed, RPM)!r}rpm"
-    lines += [
-        "  </car>",
-        "  <engine>",
-        f"    {say('type', type=e.kind)}",
-        f"    {say('displacement', displacement=f'{_exact(e.displacement, 1e-6)!r}cc')}",
-        f"    {say('power', power=power)}",
-        f"    {say('torque', torque=torque)}",
-        f"    {say('compression', comp=f'{e.compression!r}:1')}",
-        f"    {say('idle', rpm=_exact(e.idle_speed, RPM))}",
-        f"    {say('inertia', lumped=e.inertia)}",
-        "  </engine>",
-        "  <wheels>",
-        f"    {say('tire', summer=label('wheels.tire') or '205/45 R16')}",
-        f"    {say('inertia', lumped=car.wheel_inertia)}",
-        "  </wheels>",
-        f"  <accelerometer type={quoteattr(label('accelerometer', ''))}>",
-        "    <calibration>",
-        f"      {say('roll', phi=car.mounting.roll)}",
-        f"      {say('pitch', theta=car.mounting.pitch)}",
-        f"      {say('yaw', psi=car.mounting.yaw)}",
-        f"      {say('scale', scale=car.mounting.scale)}",
-        "    </calibration>",
-        "  </accelerometer>",
-        f"  <transmission type={quoteattr(label('transmission', ''))}>",
-        f"    {say('reverse', gear=label('transmission.reverse', ''))}",
-    ]
-    lines += [f"    {say(name, gear=ratio)}" for name, ratio in zip(GEAR_NAMES, car.gear_ratios, strict=False)]
-    lines += [
-        "  </transmission>",
-        "  <drag>",
-        f"    {say('aero', Cd=car.drag_coefficient)}",
-        f"    {say('rolling', Crr=car.rolling_resistance)}",
-        "  </drag>",
-        f"  {say('area', frontal=car.frontal_area)}",
-        f"  {say('mass', wet=car.wet_mass)}",
-        "  <inj>",
-        f"    {say('calibration', fuelPerSecond=_exact(car.injector.flow, 1e-3))}",
-        f"    {say('calibration', lag=car.injector.lag)}",
-        f"    {say('timing', pattern=car.injector.pattern)}",
-        "  </inj>",
-        "  <vss>",
-        f"    {say('calibration', metersPerTick=car.metres_per_tick)}",
-        "  </vss>",
-        *(f"  {say('file', Name=name)}" for name in car.logs),
-        f"  <rollingroad name={quoteattr(car.name)}>",
-        "    "
-        + say(
-            "engine",
-            cylinders=str(e.cylinders),
-            redline=_exact(e.redline_speed, RPM),
-            turbocharged="yes" if e.turbocharged else "no",
-            friction=e.friction,
-            throttling=e.throttling,
-        ),
-        f"    {say('fuel', density=car.fuel.density, heatingValue=car.fuel.heating_value)}",
-        f"    {say('driver', mass=car.driver_mass)}",
-        f"    {say('world', airDensity=car.air_density, gravity=car.gravity)}",
-        f"    {say('wheels', radius=car.wheel_radius)}",
-        "    "
-        + say(
-            "driveline",
-            loss=d.loss,
-            dragTorque=d.drag_torque,
-            shiftTime=d.shift_time,
-            launchRpm=_exact(d.launch_speed, RPM) if d.launch_speed else 0.0,
-            variable="yes" if d.continuously_variable else "no",
-            boostTime=d.boost_time,
-            scheduleRpm=_exact(d.schedule_speed, RPM) if d.schedule_speed else 0.0,
-            scheduleReserve=d.schedule_reserve,
-            electricalPower=d.electrical_power,
-        ),
-        "    "
-        + say(
-            "tolerances",
-            mass=t.mass,
-            rollingResistance=t.rolling_resistance,
-            dragArea=t.drag_area,
-            fuel=t.fuel,
-            airDensity=t.air_density,
-            wheelRadius=t.wheel_radius,
-            wind=t.wind,
-        ),
-        "  </rollingroad>",
-        "</ponthy_config>",
-    ]
-    return "\n".join(lines) + "\n"
