@@ -4,11 +4,10 @@ Plain functions that return rows of `rollingroad bench`. By hand: `python -m ben
 minimum over repeats, compilation apart.
 """
 
-import time
-
 import numpy as np
 from scipy.optimize import minimize_scalar
 
+from benchmarks.timing import Row, least, row
 from controller import acceleration, hill_road, route_reference
 from controller.acceleration import shoot
 from controller.advice import RoadAhead
@@ -20,36 +19,14 @@ from controller.route_problem import RouteProblem
 from observer.efficiency_map import FuelMap
 from vehicle_model.car.parameters import Car, Engine, Injector
 
-Row = dict[str, str | float]
 RPM = 2.0 * np.pi / 60.0
-
-
-def _least(work, repeats: int) -> float:
-    """Seconds of the fastest of `repeats` runs."""
-    best = np.inf
-    for _ in range(repeats):
-        began = time.perf_counter()
-        work()
-        best = min(best, time.perf_counter() - began)
-    return best
-
-
-def _row(name: str, value: float, unit: str, reference: str, reference_value: float) -> Row:
-    return {
-        "name": name,
-        "value": value,
-        "unit": unit,
-        "reference": reference,
-        "reference_value": reference_value,
-        "ratio": reference_value / value,
-    }
 
 
 def synthesis_table(repeats: int = 20) -> list[Row]:
     """The 1-D optimal synthesis of the six-speed car on 500 speeds; reference: scipy, gear by gear."""
     speeds = np.linspace(3.0, 45.0, 500)
     acceleration.synthesis_table(THESIS, speeds)
-    value = _least(lambda: acceleration.synthesis_table(THESIS, speeds), repeats)
+    value = least(lambda: acceleration.synthesis_table(THESIS, speeds), repeats)
 
     def reference() -> None:
         for v in speeds[::10]:
@@ -63,21 +40,21 @@ def synthesis_table(repeats: int = 20) -> list[Row]:
                         method="bounded",
                     )
 
-    return [_row("synthesis_table", 1e3 * value, "ms", "scipy, per speed and gear", 1e3 * 10 * _least(reference, 2))]
+    return [row("synthesis_table", 1e3 * value, "ms", "scipy, per speed and gear", 1e3 * 10 * least(reference, 2))]
 
 
 def shooting_six_speed(repeats: int = 50) -> list[Row]:
     """36 -> 100 km/h by shooting; references: IPOPT on the winning gear sequence, at equal cost, and fixed time."""
     shoot(THESIS, 10.0, 100 / 3.6, None, certify=False)
-    value = _least(lambda: shoot(THESIS, 10.0, 100 / 3.6, None, certify=False), repeats)
+    value = least(lambda: shoot(THESIS, 10.0, 100 / 3.6, None, certify=False), repeats)
     free = acceleration_problem(THESIS, 10.0, 100 / 3.6, None)
     ends = [np.array([v]) for v in (10.6, 14.5, 19.0, 26.6, 100 / 3.6)]
 
     def programme() -> None:
         solve_phases(free, (1, 2, 3, 4, 5), intervals=8, guess=ends, guess_control=(80.0,), shortest=0.02)
 
-    rows = [_row("shooting_six_speed", 1e3 * value, "ms", "CasADi and IPOPT", 1e3 * _least(programme, 3))]
-    fixed_value = _least(lambda: shoot(THESIS, 10.0, 140 / 3.6, 30.0, certify=False), 5)
+    rows = [row("shooting_six_speed", 1e3 * value, "ms", "CasADi and IPOPT", 1e3 * least(programme, 3))]
+    fixed_value = least(lambda: shoot(THESIS, 10.0, 140 / 3.6, 30.0, certify=False), 5)
     fixed = acceleration_problem(THESIS, 10.0, 140 / 3.6, 30.0)
     ends = [np.array([v]) for v in (9.4, 10.4, 14.2, 18.6, 26.0, 140 / 3.6)]
 
@@ -85,12 +62,12 @@ def shooting_six_speed(repeats: int = 50) -> list[Row]:
         solve_phases(fixed, (6, 1, 2, 3, 4, 5), intervals=8, guess=ends, guess_control=(80.0,), shortest=0.02)
 
     rows.append(
-        _row(
+        row(
             "shooting_six_speed",
             1e3 * fixed_value,
             "ms",
             "CasADi and IPOPT, fixed time",
-            1e3 * _least(fixed_programme, 2),
+            1e3 * least(fixed_programme, 2),
         )
     )
     return rows
@@ -100,10 +77,10 @@ def dp_sweep_5km(repeats: int = 15) -> list[Row]:
     """One sweep of 5 km: 200 stages x 200 energies x 6 gears; reference: the same sweep in numpy."""
     problem = RouteProblem.build(_road(5000.0), _willans(), _car(), 0.0, 0.0, None, None, 25.0, 200, None)
     problem.value_function(1e4)
-    value = _least(lambda: problem.value_function(1e4), repeats)
+    value = least(lambda: problem.value_function(1e4), repeats)
     table = problem.value_function(1e4)
-    reference = _least(lambda: route_reference.sweep(*problem.arguments(1e4, table)), 1)
-    return [_row("dp_sweep_5km", 1e3 * value, "ms", "numpy", 1e3 * reference)]
+    reference = least(lambda: route_reference.sweep(*problem.arguments(1e4, table)), 1)
+    return [row("dp_sweep_5km", 1e3 * value, "ms", "numpy", 1e3 * reference)]
 
 
 def route_50km(repeats: int = 3) -> list[Row]:
@@ -118,9 +95,9 @@ def route_50km(repeats: int = 3) -> list[Row]:
         plan_route_in_time(road, fuel_map, car, start_speed=0.0, end_speed=0.0, trip_time=2400.0)
 
     plan()
-    value = _least(plan, repeats)
+    value = least(plan, repeats)
     hills = hill_road.HillRoad(length=50_000.0)
-    reference = _least(lambda: hill_road.direct(hills, intervals=2500), 1)
+    reference = least(lambda: hill_road.direct(hills, intervals=2500), 1)
     same_car, same_map = hill_road.car_and_map(hills)
     s = np.arange(0.0, hills.length + 1.0, 10.0)
     slope = hills.grade * np.sin(2.0 * np.pi * s / hills.wave)
@@ -134,8 +111,8 @@ def route_50km(repeats: int = 3) -> list[Row]:
 
     same()
     return [
-        _row("route_50km", value, "s", "IPOPT, one gear, time value given", reference),
-        _row("route_50km", _least(same, repeats), "s", "IPOPT, the same one-gear problem", reference),
+        row("route_50km", value, "s", "IPOPT, one gear, time value given", reference),
+        row("route_50km", least(same, repeats), "s", "IPOPT, the same one-gear problem", reference),
     ]
 
 
