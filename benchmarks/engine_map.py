@@ -10,14 +10,17 @@ import tempfile
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.regret import END_SPEED, regret
 from controller.advice import RoadAhead
 from controller.route import plan_route_in_time
 from observer.estimate import Estimate
 from observer.fit_form import Fit
+from observer.fit_willans import KernelFit
 from observer.fits import default_fit, fit_all, planner_fit
 from observer.mapping import centres, fit_error, fuel_map, map_engine, map_error
 from observer.observe import observe
@@ -27,7 +30,7 @@ from rollingroad.task import make_task
 from sim.bench_stand import dynamometer
 from sim.network import build
 from sim.road_ahead import road_ahead
-from sim.true_efficiency import true_efficiency
+from sim.true_efficiency import gear_shares, true_efficiency
 from sim.truth import true_fuel_map
 from vehicle_model.car.parameters import Car
 from vehicle_model.car.trip import Trip
@@ -89,6 +92,11 @@ def regrets(fits: dict[str, Fit], found, car: Car, road: RoadAhead, time: float)
     return result
 
 
+def table(bench: dict[str, Any]) -> NDArray[np.float64]:
+    """Efficiency of a dynamometer run, (n, m), NaN beyond full load."""
+    return np.array([[np.nan if value is None else value for value in row] for row in bench["efficiency"]])
+
+
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -100,7 +108,8 @@ def main() -> None:
     car = make_task("mixed", car=options.car).car
     bench = dynamometer(options.car)
     steps = np.array(bench["rpm"]) * RPM, np.array(bench["torque_N_m"])
-    on_bench = np.array([[np.nan if value is None else value for value in row] for row in bench["efficiency"]])
+    on_bench = table(bench)
+    in_each_gear = np.stack([table(dynamometer(options.car, gear + 1)) for gear in range(len(car.gear_ratios))])
     truth_map = true_fuel_map(car)
     rows = []
     with ProcessPoolExecutor(options.workers) as pool:
@@ -119,7 +128,11 @@ def main() -> None:
             )
             can = load <= np.interp(every, truth_map.engine_speed, truth_map.torque_max)
             best_true = float(truth(every[can], load[can]).max())
-            versus = compare_with_dyno(found, fit, *steps, on_bench)
+            one_gear = compare_with_dyno(found, fit, *steps, on_bench)
+            versus = compare_with_dyno(found, fit, *steps, in_each_gear, gear_shares(car, trips))
+            assert isinstance(fit, KernelFit)
+            missed = np.abs(fit.efficiency(omega, torque) - true)
+            fit_holds = float(np.mean(missed < 1.645 * fit.deviation(omega, torque)))
             chosen = planner_fit(fits)
             judged = {name: fits[name] for name in (SHOWN if number == 0 else (fit.name, chosen.name))}
             # the quickest of its trips: the others wait at signals, which no plan on the empty road can take as long as
@@ -133,6 +146,9 @@ def main() -> None:
                     fit_error(found, fit, truth),
                     float(np.mean(own)),
                     float(fit.efficiency(omega, torque).max()) - best_true,
+                    fit_holds,
+                    one_gear.rmse,
+                    one_gear.fit_rmse,
                     versus.rmse,
                     versus.fit_rmse,
                     float("nan") if price is None else price,
@@ -140,7 +156,10 @@ def main() -> None:
             )
             print(
                 "hour {:2d}: share {:.3f} rms {:.4f} fit {:.4f} in 90 % {:.3f} peak {:+.4f} "
-                "dyno {:.4f} fit {:.4f} regret {:.2%}".format(number, *rows[-1]),
+                "fit's {:.3f} "
+                "one gear's dyno {:.4f} fit {:.4f} the road's gears' {:.4f} fit {:.4f} regret {:.2%}".format(
+                    number, *rows[-1]
+                ),
                 flush=True,
             )
             if number == 0:
@@ -161,10 +180,10 @@ def main() -> None:
                     print(
                         f"{label:15} eta x {ratio.mean():.4f} +- {ratio.std():.4f}, correlation of the form {shape:.4f}"
                     )
-    table = np.array(rows)
-    print("mean     " + " ".join(f"{value:.4f}" for value in table.mean(axis=0)))
-    print("smallest " + " ".join(f"{value:.4f}" for value in table.min(axis=0)))
-    print("largest  " + " ".join(f"{value:.4f}" for value in table.max(axis=0)))
+    hours = np.array(rows)
+    print("mean     " + " ".join(f"{value:.4f}" for value in hours.mean(axis=0)))
+    print("smallest " + " ".join(f"{value:.4f}" for value in hours.min(axis=0)))
+    print("largest  " + " ".join(f"{value:.4f}" for value in hours.max(axis=0)))
 
 
 if __name__ == "__main__":

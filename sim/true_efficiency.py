@@ -14,15 +14,12 @@ from vehicle_model.plant.parameters import plant_parameters
 Array = NDArray[np.float64]
 
 
-def true_efficiency(
-    car: Car, settings: Mapping[str, float] | None, trips: Sequence[Trip]
-) -> Callable[[Array, Array], Array]:
-    """Return eta(engine speed rad/s, torque N m): broadcasts; NaN where the engine cannot be.
+def gear_shares(car: Car, trips: Sequence[Trip]) -> Callable[[Array, Array], Array]:
+    """Return share(engine speed rad/s, torque N m) -> (..., gears): of the trips' time there, clutch locked.
 
-    Torque is T = thrust x speed / engine speed, at the wheels' level. In a cell of 50 rpm x 2 N m the gears weigh by
-    the time that `trips` spent there in each, clutch locked; in cells never visited by their time at that engine speed.
+    Counted in cells of 50 rpm x 2 N m; in cells never visited, the share of the time at that engine speed; where the
+    engine never turned, all gears alike.
     """
-    p = plant_parameters(car, settings)
     gears = len(car.gear_ratios)
     rows = int(car.engine.redline_speed * 1.2 / SPEED_STEP) + 2
     columns = int(1.6 * car.engine.max_torque / TORQUE_STEP) + 2
@@ -38,13 +35,25 @@ def true_efficiency(
     anywhere = np.where(by_speed.sum(axis=2, keepdims=True) > 0.0, by_speed, 1.0)
     weights = np.where(seconds.sum(axis=2, keepdims=True) > 0.0, seconds, anywhere)
     weights /= weights.sum(axis=2, keepdims=True)
+    return lambda engine_speed, torque: weights[_cells(engine_speed, torque, rows, columns)]
+
+
+def true_efficiency(
+    car: Car, settings: Mapping[str, float] | None, trips: Sequence[Trip]
+) -> Callable[[Array, Array], Array]:
+    """Return eta(engine speed rad/s, torque N m): broadcasts; NaN where the engine cannot be.
+
+    Torque is T = thrust x speed / engine speed, at the wheels' level; the gears weigh by `gear_shares`.
+    """
+    p = plant_parameters(car, settings)
+    shares = gear_shares(car, trips)
 
     def efficiency(engine_speed: Array, torque: Array) -> Array:
         omega, load = np.broadcast_arrays(np.asarray(engine_speed, float), np.asarray(torque, float))
-        share = weights[_cells(omega, load, rows, columns)]
+        share = shares(omega, load)
         eta, full = np.zeros(omega.shape), np.zeros(omega.shape)
         flat_speed = np.unique(omega)
-        for gear in range(1, gears + 1):
+        for gear in range(1, len(car.gear_ratios) + 1):
             eta += share[..., gear - 1] * steady.true_efficiency(p, gear, omega, load)
             full += share[..., gear - 1] * np.interp(omega, flat_speed, steady.full_load(p, gear, flat_speed))
         possible = (omega >= 0.9 * car.engine.idle_speed) & (omega <= 1.02 * car.engine.redline_speed)

@@ -1,5 +1,6 @@
 """The map found on the road beside the map found on the dynamometer (seed 004, 3.5)."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,16 +28,28 @@ class DynoComparison:
 
 
 def compare_with_dyno(
-    efficiency_map: EfficiencyMap, fit: Fit, engine_speed: NDArray, torque: NDArray, efficiency: NDArray
+    efficiency_map: EfficiencyMap,
+    fit: Fit,
+    engine_speed: NDArray,
+    torque: NDArray,
+    efficiency: NDArray,
+    gear_shares: Callable[[NDArray, NDArray], NDArray] | None = None,
 ) -> DynoComparison:
     """Compare over the cells that both know.
 
-    `engine_speed` (n,), rad/s, and `torque` (m,), N m, are the dynamometer's steps, `efficiency` (n, m) what it found,
-    NaN beyond full load. Cells outside its steps, or next to a NaN, are left out.
+    `engine_speed` (n,), rad/s, and `torque` (m,), N m, are the dynamometer's steps, `efficiency` what it found, NaN
+    beyond full load: (n, m) in one gear; or (gears, n, m), a run in each, weighted at every cell by `gear_shares`
+    (engine speed, torque -> (k, gears)), the road's own use of them. Cells outside the steps, or next to a NaN of a
+    gear that was used there, are left out.
     """
     omega, load = np.meshgrid(efficiency_map.engine_speed, efficiency_map.torque, indexing="ij")
     omega, load = omega[efficiency_map.valid], load[efficiency_map.valid]
-    bench = _bilinear(engine_speed, torque, efficiency, omega, load)
+    if gear_shares is None:
+        bench = _bilinear(engine_speed, torque, efficiency, omega, load)
+    else:
+        runs = np.stack([_bilinear(engine_speed, torque, run, omega, load) for run in efficiency], axis=1)
+        shares = gear_shares(omega, load)
+        bench = np.sum(np.where(shares > 0.0, shares * runs, 0.0), axis=1)
     both = np.isfinite(bench)
     nothing = float("nan")
     if not both.any():

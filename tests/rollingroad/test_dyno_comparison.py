@@ -1,5 +1,7 @@
 """The road's map against the dynamometer's."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -49,3 +51,23 @@ def test_nothing_in_common_is_said():
     bench = efficiency(BENCH[0][:, None], BENCH[1]) * np.nan
     found = compare_with_dyno(road_map(), TheFit(), *BENCH, bench)
     assert found.cells == 0 and np.isnan(found.rmse)
+
+
+def test_a_run_in_each_gear_weighs_as_the_road_used_them():
+    """Given a road that turns to a lower gear, with more losses, as the engine turns faster: the dynamometer in both
+    gears, weighted as the road used them, agrees; in one alone it does not; a gear that nobody used may be empty."""
+
+    def low_gear_share(omega, torque):
+        low = np.clip((omega - BENCH[0][0]) / (BENCH[0][-1] - BENCH[0][0]), 0.0, 1.0)
+        return np.stack([low, 1.0 - low, np.zeros_like(low)], axis=-1)
+
+    truth = efficiency(BENCH[0][:, None], BENCH[1])
+    runs = np.stack([0.96 * truth, truth, np.full_like(truth, np.nan)])
+    road = road_map()
+    omega, torque = np.meshgrid(road.engine_speed, road.torque, indexing="ij")
+    mixed = road.mean * (1.0 - 0.04 * low_gear_share(omega, torque)[..., 0])
+    road = replace(road, mean=mixed)
+    alone = compare_with_dyno(road, TheFit(), *BENCH, truth)
+    weighted = compare_with_dyno(road, TheFit(), *BENCH, runs, low_gear_share)
+    assert weighted.cells == alone.cells
+    assert weighted.rmse < 5e-4 < 3e-3 < alone.rmse
