@@ -12,6 +12,7 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
+from scipy.interpolate import RectBivariateSpline
 
 from observer import kernel
 from observer.by_products import (
@@ -20,13 +21,13 @@ from observer.by_products import (
     SOFT_ROLLING,
     Trend,
     TripCar,
+    fuel_table,
     trip_car,
     tyre_score,
     watch,
 )
 from observer.estimate import Estimate
 from observer.events import prepare
-from observer.fit_form import Fit
 from observer.fits import default_fit, fit_all
 from observer.mapping import map_engine
 from observer.observe import hindsight, observe, records_from, start
@@ -82,10 +83,10 @@ def filtered(log: SensorLog) -> Estimate:
     return Estimate(time, state, variance, state, variance, records_from(np.empty((0, 7))), (0.0, 0.0, 0.0), {})
 
 
-def figures(arguments: tuple[int, bool, Fit]) -> tuple[int, bool, TripCar]:
+def figures(arguments: tuple[int, bool, RectBivariateSpline]) -> tuple[int, bool, TripCar]:
     """What one trip says of the car, behind its seed and whether the tyre was soft."""
-    seed, soft, fit = arguments
-    return seed, soft, trip_car(drive(seed, soft), CAR, fit)
+    seed, soft, engine = arguments
+    return seed, soft, trip_car(drive(seed, soft), CAR, engine)
 
 
 def is_soft(number: int) -> bool:
@@ -153,9 +154,10 @@ def main() -> None:
     first = base + FIRST
     wanted = [(first + n, is_soft(n)) for n in range(trips) if first + n not in found]
     if wanted:
-        fit = default_fit(fit_all(map_engine([drive(base + n, False, calm=True) for n in range(6)], CAR), CAR))
+        learnt = map_engine([drive(base + n, False, calm=True) for n in range(6)], CAR)
+        engine = fuel_table(default_fit(fit_all(learnt, CAR)), CAR)
         with ProcessPoolExecutor(options.workers) as pool:
-            for seed, soft, trip in pool.map(figures, [(*one, fit) for one in wanted]):
+            for seed, soft, trip in pool.map(figures, [(*one, engine) for one in wanted]):
                 found[seed] = (soft, trip)
                 if options.keep:
                     keep(options.keep, seed, soft, trip)

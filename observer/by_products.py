@@ -41,16 +41,24 @@ class TripCar:
     """m driven."""
 
 
-def torque_of_fuel(
-    fit: Fit, car: Car, engine_speed: NDArray, fuel_power: NDArray, torque: NDArray
-) -> NDArray[np.float64]:
-    """The torque at which `fit` burns `fuel_power`, (n,): Newton's method from `torque`, on splines through the fit.
+def fuel_table(fit: Fit, car: Car) -> RectBivariateSpline:
+    """Splines through the fuel power of `fit` (W) over rad/s and N m: cheap to ask, trip after trip.
 
-    From a tenth of the largest torque below zero to half of it above the largest.
+    From half the idle speed to a fifth beyond the red line, a tenth of the largest torque below zero to half above it.
     """
     omega = np.linspace(0.5 * car.engine.idle_speed, 1.2 * car.engine.redline_speed, 90)
     load = np.linspace(-0.1, 1.5, 60) * car.engine.max_torque
-    table = RectBivariateSpline(omega, load, fit.fuel_power(*np.meshgrid(omega, load, indexing="ij")))
+    return RectBivariateSpline(omega, load, fit.fuel_power(*np.meshgrid(omega, load, indexing="ij")))
+
+
+def torque_of_fuel(
+    table: RectBivariateSpline, engine_speed: NDArray, fuel_power: NDArray, torque: NDArray
+) -> NDArray[np.float64]:
+    """The torque at which the engine of `table` burns `fuel_power`, (n,): Newton's method from `torque`.
+
+    Inside the table's borders.
+    """
+    omega, load = table.get_knots()
     turning = np.clip(engine_speed, omega[0], omega[-1])
     found = np.clip(torque, 1.0, load[-1]).astype(float)
     for _ in range(8):
@@ -60,8 +68,12 @@ def torque_of_fuel(
     return found
 
 
-def trip_car(estimate: Estimate, car: Car, fit: Fit, *, smoothed: bool = True) -> TripCar:
-    """Return the change of mass, rolling resistance and drag area that a trip shows against `car`, given the engine."""
+def trip_car(estimate: Estimate, car: Car, engine: Fit | RectBivariateSpline, *, smoothed: bool = True) -> TripCar:
+    """Return the change of mass, rolling resistance and drag area that a trip shows against `car`, given the engine.
+
+    `engine`: its map's fit, or the `fuel_table` of that (the same, where many trips are asked).
+    """
+    table = fuel_table(engine, car) if isinstance(engine, Fit) else engine
     points = operating_points(estimate, car, smoothed=smoothed)
     speed, pitch = (estimate.column(name, smoothed=smoothed) for name in ("speed", "pitch"))
     side = max(1, round(BLOCK / points.step))
@@ -73,7 +85,7 @@ def trip_car(estimate: Estimate, car: Car, fit: Fit, *, smoothed: bool = True) -
     mapped = points.mapped
     torque = np.zeros(len(speed))
     torque[mapped] = torque_of_fuel(
-        fit, car, points.engine_speed[mapped], points.fuel_power[mapped], points.torque[mapped]
+        table, points.engine_speed[mapped], points.fuel_power[mapped], points.torque[mapped]
     )
     for block in blocks:
         omega, v = points.engine_speed[block], speed[block]

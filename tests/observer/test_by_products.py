@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from synthetic_drive import CAR, drive, true_efficiency, true_power
 
-from observer.by_products import LEARNING, Trend, torque_of_fuel, trip_car, tyre_score, watch
+from observer.by_products import LEARNING, Trend, fuel_table, torque_of_fuel, trip_car, tyre_score, watch
 from observer.coefficients import learn_coefficients
 from observer.estimate import STATES
 from observer.fit_form import Fit
@@ -33,7 +33,7 @@ def heavier(estimate, mass=0.0, rolling=0.0, drag=0.0):
 
 def test_torque_of_fuel_inverts_the_map():
     omega, torque = np.array([150.0, 300.0, 450.0]), np.array([10.0, 60.0, 95.0])
-    found = torque_of_fuel(TrueFit(), CAR, omega, true_power(omega, torque), np.array([30.0, 30.0, 30.0]))
+    found = torque_of_fuel(fuel_table(TrueFit(), CAR), omega, true_power(omega, torque), np.array([30.0, 30.0, 30.0]))
     np.testing.assert_allclose(found, torque, rtol=1e-4)
 
 

@@ -15,12 +15,10 @@ def trip(radius: float, rolling: float = 0.0) -> TripCar:
     return TripCar(np.array([0.0, rolling * CAR.rolling_resistance, 0.0]), np.eye(3), radius, KM)
 
 
-def life(trips: int, soft_size: float = 1.0, seed: int = 0) -> list[tuple[bool, TripCar]]:
-    rng = np.random.default_rng(seed)
-    return [
-        (is_soft(n), trip(SOFT_RADIUS * soft_size * is_soft(n) + USUAL_RADIUS * rng.normal(), SOFT_ROLLING * is_soft(n)))
-        for n in range(trips)
-    ]
+def life(trips: int, seed: int = 0) -> list[tuple[bool, TripCar]]:
+    scatter = USUAL_RADIUS * np.random.default_rng(seed).normal(size=trips)
+    soft = [is_soft(n) for n in range(trips)]
+    return [(s, trip(SOFT_RADIUS * s + error, SOFT_ROLLING * s)) for s, error in zip(soft, scatter, strict=True)]
 
 
 def test_every_soft_tyre_is_one_event_and_is_called_within_100_km():
@@ -37,6 +35,7 @@ def test_a_tyre_that_shows_nothing_is_never_called():
 
 
 def test_a_sound_tyre_that_looks_soft_is_a_false_call_each_time():
-    trips = life(LEARNING) + [(False, trip(3.0 * SOFT_RADIUS)), (False, trip(0.0)), (False, trip(3.0 * SOFT_RADIUS))]
+    looks = (False, trip(3.0 * SOFT_RADIUS))
+    trips = [*life(LEARNING), looks, (False, trip(0.0)), looks]
     distances, false_calls, watched = replay(trips)
     assert distances == [] and false_calls == 2 and watched == pytest.approx(3 * KM)
