@@ -1,13 +1,15 @@
 """What a command is asked to do: scenario, car, seed and departures from neutral, checked before anything runs."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from pydantic import ValidationError
+
 from rollingroad.catalogue import check_settings, plant_keys, read_settings
 from scenarios.files import from_osm, load
-from scenarios.schema import Scenario
+from scenarios.schema import Scenario, Traffic
 from vehicle_model.car.errors import BadInput
 from vehicle_model.car.files import read_car
 from vehicle_model.car.parameters import Car
@@ -53,6 +55,17 @@ def make_task(
     effects = check_settings(read.effects, str(read.source or read.name)) | read_settings(settings)
     scenario_set = read.model_copy(update={"effects": effects})
     return Task(scenario_set, read_car(car or read.car), read.seed if seed is None else seed)
+
+
+def telling(task: Task, reach: float | None) -> Task:
+    """`task` with signals that tell from `reach` m when they turn; None: as its scenario has it. Raises BadInput."""
+    if reach is None:
+        return task
+    try:
+        traffic = Traffic(**(task.scenario.traffic.model_dump() | {"signals_tell": reach}))
+    except ValidationError:
+        raise BadInput("--signals-tell", f"{reach:g}", "expected 0 to 2000 m") from None
+    return replace(task, scenario=task.scenario.model_copy(update={"traffic": traffic}))
 
 
 def described(task: Task) -> dict[str, Any]:

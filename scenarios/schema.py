@@ -48,6 +48,9 @@ class Traffic(_Part):
     corridor: float = Field(
         3.0, ge=0.0, le=50.0, description="how much more likely a journey is for each share of the ego's route in it"
     )
+    signals_tell: float = Field(
+        0.0, ge=0.0, le=2000.0, description="m from which signals tell a car's device when they turn; 0: they do not"
+    )
 
 
 class Driver(_Part):

@@ -1,5 +1,6 @@
 """The advisor's side of the dashboard: what it may see, what it may say; and the follower of a plan."""
 
+import math
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -35,6 +36,10 @@ class View:
     """"red", "yellow", "green" or ""."""
     destination_distance: float
     """m to the end of the journey."""
+    told_distance: float = math.inf
+    """m to the next signal where it tells when it turns, inf where none does."""
+    told_green: tuple[tuple[float, float], ...] = ()
+    """(start, end) of that signal's green times on the way taken, s from now, in order; yellow is not green."""
 
 
 @dataclass(frozen=True)

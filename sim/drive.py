@@ -288,7 +288,8 @@ def _run(
             advised_gear, coast, followed = 0, False, False
             suggestion: Suggestion | None = None
             if now >= IDLE_BEFORE and arrived_at is None:
-                view = View(now, place, speed, plant.gear, gap, leader_speed, light, _colour(state), left)
+                broadcast = traffic.told(scenario.traffic.signals_tell)
+                view = View(now, place, speed, plant.gear, gap, leader_speed, light, _colour(state), left, *broadcast)
                 told = yield view, plant
                 if display is not None:
                     told = display.show(told)

@@ -5,6 +5,8 @@ on the table of the map made beforehand:
 - free road: to the speed of the whole road's plan at the horizon, so that both agree where nothing interferes;
 - a signal that does not tell when it turns, or a standing leader: to the line, the speed left free; time is cheap,
   since it would be waited off there, and so is kinetic energy, since most of it would be braked away;
+- a signal that tells when it turns: as on a free road, but hurried where that saves a stop, and slower from afar
+  where it would still be red (`sim.signal_timing`);
 - a slower leader: to his speed at the place where he would be caught up with; time is cheap, since he sets it.
 Between two replannings the policy around the plan answers for whatever speed the car really has.
 """
@@ -17,7 +19,8 @@ import numpy as np
 from controller.advice import Advice, RoadAhead
 from controller.drive_table import DriveTable, drive_table
 from controller.route import Comfort, plan_route
-from sim.advisor import Context, Suggestion, View
+from sim.advisor import COAST, Context, Suggestion, View
+from sim.signal_timing import ABOVE, SETTLE, Timing, slower, timing
 from vehicle_model.car.errors import BadInput
 
 PERIOD = 1.0
@@ -42,6 +45,12 @@ turns, which costs as long a wait, idling, and the speed."""
 KEPT = 0.3
 """Share of the kinetic energy at a red signal's line that counts: it may turn green in time."""
 COMFORT = Comfort()
+HURRY = 6.0
+"""Times the price of time that a second is worth while it decides over a green light that is about to end."""
+NEVER = (-math.inf, -math.inf)
+"""No place, no time at which to be at a line."""
+ROLLS = 1.3
+"""Times the rule of thumb for rolling that is still done by rolling."""
 ROLLING = 60.0
 """N of planned braking below which the advice is to let it roll."""
 
@@ -68,6 +77,8 @@ class RecedingHorizon:
         self._due = -math.inf
         self._silent = False
         self._pace = math.inf
+        self._arrival = NEVER
+        self._rolling = False
         self._leader: tuple[float, float] = (-math.inf, math.nan)
 
     def advise(self, view: View) -> Suggestion | None:
@@ -84,6 +95,10 @@ class RecedingHorizon:
         acceleration = min(acceleration, (self._pace - view.speed) / CATCH_UP)
         # Where the grid or a leader's change of speed asks for more than was planned, the driver's own eyes do.
         acceleration = max(acceleration, -COMFORT.braking)
+        held = self._held(view)
+        if held is not None and held[0] < acceleration:
+            acceleration, rolls = held
+            return Suggestion(acceleration, gear if rolls else self._steady_gear(view), costate, coast=rolls)
         k = int(np.clip(np.searchsorted(plan.s, view.distance, side="right") - 1, 0, len(plan.s) - 1))
         near = abs(plan.speed[k] - view.speed) < 1.0
         rolls = near and bool(plan.coasting[k]) and plan.brake_force[k] < ROLLING and acceleration < 0.0
@@ -92,12 +107,21 @@ class RecedingHorizon:
     def _replanned(self, view: View) -> Advice:
         """The plan from here, or the whole road's where there is nothing left to plan or no way to do it."""
         assert self._whole is not None, "reset comes first"
-        reach, end_speed, waiting = self._obstacle(view)
+        told = timing(view, self._plan, self._whole, self.context.road)
+        self._arrival = NEVER
+        if told is not None and told.arrival is not None:
+            if slower(view.speed, view.told_distance, told.arrival) is None:
+                told = None  # not without creeping: a red signal like any other
+            else:
+                self._arrival = view.distance + view.told_distance, view.time + told.arrival
+        reach, end_speed, waiting = self._obstacle(view, told)
         # The last metres to a line or a standing car are the driver's; behind a moving one, his speed is held.
         self._silent = waiting and end_speed is None and reach < SHORTEST
         self._pace = end_speed if end_speed is not None and reach < SHORTEST else math.inf
         price = self.context.time_value
-        if view.signal_state == "green" and not waiting:
+        if told is not None and told.hurry and not waiting:
+            price *= HURRY
+        elif view.signal_state == "green" and told is None and not waiting:
             price += price + self.context.fuel_map.idle_power
             price += 0.5 * self.context.car.accelerated_mass * view.speed**2 * self._table.marginal_cost / GREEN
         if waiting:
@@ -130,10 +154,39 @@ class RecedingHorizon:
             policy_step=max(1.5 * PERIOD * view.speed, STEP), certify=False,
         )  # fmt: skip
 
-    def _obstacle(self, view: View) -> tuple[float, float | None, bool]:
+    def _held(self, view: View) -> tuple[float, bool] | None:
+        """Acceleration (m/s2) and whether to roll, to be at the line when it is green; None: no reason to wait."""
+        line, at = self._arrival
+        if view.distance >= line or view.time >= at:
+            return None
+        found = slower(view.speed, line - view.distance, at - view.time)
+        if found is None:
+            return None
+        target, braking = found
+        self._rolling = view.speed - target > (0.0 if self._rolling else ABOVE)
+        if self._rolling:
+            return -braking, braking < ROLLS * COAST
+        return min((target - view.speed) / SETTLE, COMFORT.acceleration), False
+
+    def _steady_gear(self, view: View) -> int:
+        """The gear that burns least at this speed, held, on the map in use; 0 where none can."""
+        table, car = self._table, self.context.car
+        row = min(round(view.speed**2 / table.energy_step), table.fuel.shape[1] - 1)
+        pitch = float(np.interp(view.distance, self.context.road.s, self.context.road.pitch))
+        load = car.mass * car.gravity * (math.sin(pitch) + car.rolling_resistance * math.cos(pitch))
+        load += 0.5 * car.air_density * car.drag_area * view.speed**2
+        low, high = table.force_low[:, row], table.force_high[:, row]
+        level = (load - low) / np.where(high > low, high - low, 1.0) * (table.fuel.shape[2] - 1)
+        usable = (high > low) & (level >= 0.0) & (level < table.fuel.shape[2])
+        if not usable.any():
+            return 0
+        burnt = [np.interp(x, np.arange(table.fuel.shape[2]), table.fuel[g, row]) for g, x in enumerate(level)]
+        return int(np.argmin(np.where(usable, burnt, np.inf))) + 1
+
+    def _obstacle(self, view: View, told: Timing | None) -> tuple[float, float | None, bool]:
         """How far the way is free (m), the speed to arrive there with (None: free), whether time is waited off."""
         reach, end_speed, waiting = math.inf, None, False
-        if view.signal_state in ("red", "yellow"):
+        if view.signal_state in ("red", "yellow") and told is None:
             reach, waiting = view.signal_distance, True
         leader = self._leader_speed_soon(view)
         closing = view.speed - leader

@@ -21,6 +21,8 @@ MIRROR_TOLERANCE = 1e-6
 """m and m/s: plant and mirror agree to this, or the drive is void."""
 SIGHT = 150.0
 """m ahead that a driver looks for signals."""
+TOLD_AHEAD = 120.0
+"""s ahead for which a signal that tells does so."""
 
 
 class MirrorError(RuntimeError):
@@ -42,6 +44,7 @@ class Traffic:
         self._before = 0.0
         self._commanded = 0.0
         self.released = 0.0
+        self._phases: dict[str, list[tuple[float, str]]] = {}
 
     def __enter__(self) -> "Traffic":
         os.environ.setdefault("SUMO_HOME", sumo.SUMO_HOME)
@@ -129,6 +132,33 @@ class Traffic:
         if not ahead or ahead[0][2] > SIGHT:
             return math.inf, ""
         return ahead[0][2], ahead[0][3]
+
+    def told(self, reach: float) -> tuple[float, tuple[tuple[float, float], ...]]:
+        """Distance (m) of the next signal within `reach` m and its green times to come (s from now); (inf, ()).
+
+        For `TOLD_AHEAD` s of its programme, as such signals broadcast it (SPaT, SAE J2735).
+        """
+        ahead = libsumo.vehicle.getNextTLS(EGO)
+        if not ahead or ahead[0][2] > reach:
+            return math.inf, ()
+        name, link, distance, _ = ahead[0]
+        if name not in self._phases:
+            running = libsumo.trafficlight.getProgram(name)
+            logic = next(p for p in libsumo.trafficlight.getAllProgramLogics(name) if p.programID == running)
+            self._phases[name] = [(phase.duration, phase.state) for phase in logic.phases]
+        phases = self._phases[name]
+        number, start = libsumo.trafficlight.getPhase(name), 0.0
+        end = libsumo.trafficlight.getNextSwitch(name) - self.time
+        found: list[tuple[float, float]] = []
+        while start < TOLD_AHEAD:
+            if phases[number][1][link] in "Gg":
+                if found and found[-1][1] == start:
+                    found[-1] = (found[-1][0], end)
+                else:
+                    found.append((start, end))
+            number = (number + 1) % len(phases)
+            start, end = end, end + phases[number][0]
+        return distance, tuple(found)
 
     def may_enter(self, reach: float) -> tuple[bool, float]:
         """Whether the next junction within `reach` m lets the standing ego in, and how far it is."""

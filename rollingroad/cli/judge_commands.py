@@ -47,6 +47,10 @@ def evaluate(
     car: Annotated[str, typer.Option("--car", metavar="C,D", help="Cars, by commas.")] = "smart",
     seeds: Annotated[int, typer.Option("--seeds", min=1, help="How many, paired.")] = 5,
     first_seed: Annotated[int, typer.Option("--first-seed", min=0, help="The others follow it.")] = 0,
+    signals_tell: Annotated[
+        float | None,
+        typer.Option("--signals-tell", metavar="M", help="Signals tell an advisor from M metres when they turn."),
+    ] = None,
     oracle: Annotated[bool, typer.Option(help="Also drive as the oracle: its share and the regret account.")] = True,
     workers: Workers = None,
     cluster: Cluster = None,
@@ -60,7 +64,7 @@ def evaluate(
     from rollingroad.evaluation.evaluate import worlds_of
     from rollingroad.evaluation.store import Store
     from rollingroad.folder import write_json
-    from rollingroad.task import make_task
+    from rollingroad.task import make_task, telling
     from rollingroad.viz.evaluation_page import write_evaluation
     from scenarios.files import names
     from scenarios.schema import DriverKind
@@ -72,7 +76,7 @@ def evaluate(
             raise BadInput("--baselines", style, f"expected one of {', '.join(styles)}")
     chosen = _listed(scenarios) if scenarios else names()
     worlds = worlds_of(
-        lambda scenario, name, seed: make_task(scenario, car=name, seed=seed),
+        lambda scenario, name, seed: telling(make_task(scenario, car=name, seed=seed), signals_tell),
         chosen,
         _listed(car),
         _listed(baselines),
