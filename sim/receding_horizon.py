@@ -109,11 +109,12 @@ class RecedingHorizon:
         assert self._whole is not None, "reset comes first"
         told = timing(view, self._plan, self._whole, self.context.road)
         self._arrival = NEVER
-        if told is not None and told.arrival is not None:
-            if slower(view.speed, view.told_distance, told.arrival) is None:
+        arrival = told.arrival if told is not None else None
+        if arrival is not None:
+            if slower(view.speed, view.told_distance, arrival) is None:
                 told = None  # not without creeping: a red signal like any other
             else:
-                self._arrival = view.distance + view.told_distance, view.time + told.arrival
+                self._arrival = view.distance + view.told_distance, view.time + arrival
         reach, end_speed, waiting = self._obstacle(view, told)
         # The last metres to a line or a standing car are the driver's; behind a moving one, his speed is held.
         self._silent = waiting and end_speed is None and reach < SHORTEST

@@ -1,8 +1,8 @@
 """Signals that tell when they turn: whether to keep on, to hurry, or to be slower and arrive when it is green.
 
-The green times are those that the signal itself broadcasts (`View.told_green`). To arrive later than the plan would, the
-car rolls first and holds the lower speed then: of all ways to be at the line at that time, that wastes least, since
-the speed that air and brakes would have taken is given up at once.
+The green times are those that the signal itself broadcasts (`View.told_green`). To arrive later than the plan would,
+the car rolls first and holds the lower speed then: of all ways to be at the line at that time, that wastes little,
+since the speed that air and brakes would have taken is given up at once.
 """
 
 import math
