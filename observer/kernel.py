@@ -201,7 +201,8 @@ PARAMETERS = P_SQUAT + 1
     S_Q_SCALE,
     S_MAP_HEADING,
     S_MAP_STRAIGHT,
-) = range(59)
+    S_STANDSTILL,
+) = range(60)
 
 # places in Filter.counts
 RECORDS, GRID_LINES, TAPE_LINES, RECORDING, TAPING, TAPE_GRID = range(6)
@@ -851,7 +852,7 @@ def on_wheel(event, t, f):
             # pulses come again: the car is at least as fast as the pick-up can see
             v = s[S_SILENT_SPEED]
             if x[1] < v:
-                fuse(SILENT_WHEELS, 1.1 * v, 0.3 * v * v, 0.0, f)
+                fuse(SILENT_WHEELS, 1.1 * v, v * v / 12.0, 0.0, f)
     if not anchored:
         mem[M_TICK_ZERO] = x[0]
         mem[M_TICK_COUNT] = 0.0
@@ -1132,9 +1133,10 @@ def on_grid(t, f):
             mem[M_TICK_ANCHORED] = 0.0
             v = s[S_SILENT_SPEED]
             if quiet > 2.0:
-                fuse(SILENT_WHEELS, 0.0, 0.25, 0.0, f)
+                fuse(SILENT_WHEELS, 0.0, s[S_STANDSTILL] * s[S_STANDSTILL], 0.0, f)
             elif x[1] > 0.5 * v:
-                fuse(SILENT_WHEELS, 0.5 * v, 0.3 * v * v, 0.0, f)
+                # anywhere below the speed that is heard
+                fuse(SILENT_WHEELS, 0.5 * v, v * v / 12.0, 0.0, f)
     quiet = t - mem[M_PULSE_TIME]
     if quiet > s[S_CUT_GAP] and mem[M_CUT] == 0.0:
         mem[M_CUT] = 1.0

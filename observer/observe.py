@@ -103,6 +103,14 @@ def constants(car: Car, squat: float = 0.0) -> NDArray[np.float64]:
     return np.concatenate([head, rotation(car.mounting).ravel(), [squat]])
 
 
+def trip_change(settings: ObserverSettings) -> dict[str, float]:
+    """Variance by which each of `LEARNT` changes from trip to trip: loads shift, tyres cool."""
+    return dict.fromkeys(("bias_x", "bias_y", "bias_z"), settings.bias_trip_deviation**2) | {
+        "odometer_slip": (0.1 * settings.slip_deviation) ** 2,
+        "odometer_scale": settings.scale_trip_deviation**2,
+    }
+
+
 def start(car: Car, settings: ObserverSettings, learnt: Mapping[str, float] | None, time: float) -> kernel.Filter:
     """Return the filter before the first event, at `time` (s), with nothing recorded and no tape."""
     vector = settings.vector()
@@ -110,13 +118,11 @@ def start(car: Car, settings: ObserverSettings, learnt: Mapping[str, float] | No
     P = np.diag([kernel.initial_variance.py_func(i, vector) for i in range(kernel.NX)])
     x[OMEGA] = car.engine.idle_speed
     x[kernel.SLIP] = settings.slip
-    # between trips: loads shift, tyres cool
-    forgotten = {place: settings.bias_trip_deviation**2 for place in (kernel.BIAS_X, kernel.BIAS_Y, kernel.BIAS_Z)}
-    forgotten |= {kernel.SLIP: (0.1 * settings.slip_deviation) ** 2, kernel.SCALE: 1e-8}
+    change = trip_change(settings)
     for name, place in LEARNT.items():
         if learnt and name in learnt:
             x[place] = learnt[name]
-            P[place, place] = min(learnt.get(f"{name}_variance", P[place, place]) + forgotten[place], P[place, place])
+            P[place, place] = min(learnt.get(f"{name}_variance", P[place, place]) + change[name], P[place, place])
     memory = np.zeros(kernel.MEMORY)
     memory[list(_UNKNOWN)] = math.nan
     memory[kernel.M_SINCE :] = math.nan

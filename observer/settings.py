@@ -34,7 +34,7 @@ class ObserverSettings:
     """s: quantum of the injector pulse's time."""
     pulse_deviation: float = 0.006
     """Relative deviation of one pulse's fuel."""
-    pulse_power_deviation: float = 0.0085
+    pulse_power_deviation: float = 0.0065
     """Relative deviation of the power that one pulse foretells for the interval it opens."""
     cut_gap: float = 0.25
     """s without a pulse: fuel is cut off."""
@@ -57,7 +57,7 @@ class ObserverSettings:
     """s: smallest time from an epoch to the last stamped packet before its sentence was complete."""
     gps_speed: float = 0.1
     """m/s."""
-    gps_course: float = 0.12
+    gps_course: float = 0.085
     """m/s across the track: the course's deviation is this / speed."""
     # other sensors
     speed_deviation: float = 0.15
@@ -95,7 +95,7 @@ class ObserverSettings:
     """(rad/m)2 per metre."""
     energy_noise: float = 1.0
     """J2/s."""
-    power_noise: float = 4e6
+    power_noise: float = 5e5
     """W2/s."""
     angle_noise: float = 1e-6
     """rad2/s."""
@@ -132,14 +132,18 @@ class ObserverSettings:
     """Relative, of the wheel's radius."""
     slip_noise: float = 1e-17
     """(1/N)2/s."""
-    scale_noise: float = 3e-9
+    scale_noise: float = 1e-10
     """1/s."""
     map_heading_scale: float = 0.4
     """Share of the deviation that the matcher states of a heading,"""
     map_straightness_scale: float = 0.15
     """and of a straightness, that is seen in fact."""
+    standstill_deviation: float = 0.08
+    """m/s about 0 of a car whose wheels have been silent for 2 s."""
     body_squat: float = 0.0174533
     """rad of nose-up per g of acceleration (1 degree): what a body on springs does to a sensor fixed to it."""
+    scale_trip_deviation: float = 5e-4
+    """Relative: a tyre's radius from trip to trip, by its pressure and warmth."""
     bias_trip_deviation: float = 0.02
     """m/s2 by which a bias changes from trip to trip."""
 
