@@ -84,7 +84,10 @@ class KernelFit(Fit):
         return self.base.fuel_power(omega, torque) * np.exp(ratio.reshape(omega.shape))
 
     def deviation(self, engine_speed: ArrayLike, torque: ArrayLike) -> NDArray[np.float64]:
-        """One standard deviation of `efficiency`."""
+        """One standard deviation of `efficiency`: the kernel's, what all cells share, what neighbouring cells share.
+
+        The kernel follows the last two as if they were the engine's, so they are no less for being followed.
+        """
         omega, torque = np.broadcast_arrays(np.asarray(engine_speed, float), np.asarray(torque, float))
         where = np.stack([omega.ravel(), torque.ravel()], axis=1) / self.lengths
         cross = _kernel(where, self.points, self.amplitude, self.bumps)
@@ -93,7 +96,7 @@ class KernelFit(Fit):
             omega.shape
         )
         shared = self.base.shared_error(omega, torque, self.common_error)
-        return self.efficiency(omega, torque) * np.sqrt(variance + shared**2)
+        return self.efficiency(omega, torque) * np.sqrt(variance + shared**2 + PLACE_SCATTER**2)
 
 
 def fit_willans(cells: Cells, car: Car, limits: Limits) -> WillansFit:
