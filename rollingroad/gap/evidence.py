@@ -562,23 +562,37 @@ def _outside(
     new = [int(i) for i, square in zip(candidates, known, strict=True) if np.sqrt(max(square, 0.0)) < t.alike]
     if not new:
         return ([], Fit(0.0, 0.0, np.zeros(0), np.zeros((0, 0)))), -30.0
-    alone = {i: fit(r, [offset + i], sd[[i]]) for i in new}
-    first = max(alone, key=lambda i: alone[i].log_bayes)
-    both = {}
-    for i in new:  # a regressor that a named effect could stand for would bring that effect in by the back door
-        if i != first:
-            two = [first, int(i)]
-            both[int(i)] = fit(r, [offset + n for n in two], sd[two])
-    found = ([first], alone[first])
+    alone: dict[tuple[int, ...], Fit] = {(i,): fit(r, [offset + i], sd[[i]]) for i in new}
+    families: dict[str, list[int]] = {}
+    for i in new:
+        if library.regressors[i].family:
+            families.setdefault(library.regressors[i].family, []).append(i)
+    for members in families.values():
+        if len(members) > 1:
+            alone[tuple(members)] = fit(r, [offset + i for i in members], sd[members])
+    chosen = max(alone, key=lambda i: alone[i].log_bayes)
+    found, penalty = alone[chosen], 0.0
     log = log_mean_exp(np.array([f.log_bayes for f in alone.values()]))
-    if both:
-        second = max(both, key=lambda i: both[i].log_bayes)
-        # the first of the two was sought among all: averaged over them it is one in as many
-        pairs = log_mean_exp(np.array([f.log_bayes for f in both.values()])) - np.log(len(new))
-        log = float(np.logaddexp(log, pairs))
-        if both[second].log_bayes > alone[first].log_bayes + 2.0:
-            found = ([first, second], both[second])
-    return found, log
+    for _ in range(MORE):
+        more: dict[tuple[int, ...], Fit] = {}
+        for extra in alone:
+            if not set(extra) & set(chosen):
+                both = [*chosen, *extra]
+                more[extra] = fit(r, [offset + n for n in both], sd[both])
+        if not more:
+            break
+        # what was chosen before was sought among all: averaged over them it is one in as many
+        penalty += float(np.log(len(alone)))
+        log = float(np.logaddexp(log, log_mean_exp(np.array([f.log_bayes for f in more.values()])) - penalty))
+        best = max(more, key=lambda i: more[i].log_bayes)
+        if more[best].log_bayes < found.log_bayes + 2.0:
+            break
+        chosen, found = (*chosen, *best), more[best]
+    return (list(chosen), found), log
+
+
+MORE = 2
+"""Regressors, or families of them, that may join the first."""
 
 
 def floored(r: Reduced, library: Library, floor: Mapping[str, float]) -> Reduced:

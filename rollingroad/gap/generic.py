@@ -23,6 +23,8 @@ class Regressor:
     unit: str
     sd: float
     subsystem: str
+    family: str = ""
+    """Columns of one family are one thing (a phase, a direction): they are also tried together."""
 
 
 def library(car: Car) -> list[Regressor]:
@@ -60,6 +62,11 @@ def library(car: Car) -> list[Regressor]:
         ("fuel_flow", "fuel growing with the flow squared", "1/W", 1.2e-6, "injector"),
         ("fuel_rise", "fuel when torque rises", "J/(N m)", 60.0, "engine_fuel"),
         ("fuel_fade", "fuel that fades within minutes", "W", 4000.0, "engine_fuel"),
+        *((f"fuel_above{share}", f"fuel above {share} % of full load, in proportion", "", 0.08, "engine_fuel")
+          for share in (60, 70, 80, 90)),
+        ("power_w_fade", "fuel growing with engine speed that fades within minutes", "W s", 8.0, "engine_fuel"),
+        ("power_w_fade_slow", "fuel growing with engine speed that fades slowly", "W s", 8.0, "engine_fuel"),
+        ("fuel_start", "fuel in the first minute", "W", 4000.0, "engine_fuel"),
         ("fuel_overrun", "fuel during overrun", "W", 4000.0, "engine_fuel"),
         ("loss_share", "a share of the power lost", "", 0.04, "driveline"),
         ("gnss_1", "a constant receiver speed error", "m/s", 0.1, "gps"),
@@ -80,11 +87,24 @@ def library(car: Car) -> list[Regressor]:
         for phase in ("cos", "sin"):
             rows.append((f"force_v2_{phase}{period:g}",
                 f"a force growing with speed squared that comes and goes every {period:g} s",
-                         "N s2/m2", weight / 150, "road_load"))  # fmt: skip
+                         "N s2/m2", weight / 150, "road_load", f"wet{period:g}"))  # fmt: skip
+    for period in _cycles():
+        for phase in ("cos", "sin"):
+            rows.append((f"power_{phase}{period:.2f}", f"a power that comes and goes every {period:.1f} s",
+                         "W", 500.0, "accessory", f"cycle{period:.2f}"))  # fmt: skip
     for name, degrees in (("north", 0), ("east", 90)):
         rows.append((f"force_v_{name}", f"a force growing with speed, turning with the heading from {degrees} degrees",
-                     "N s/m", weight / 8, "road_load"))  # fmt: skip
+                     "N s/m", weight / 8, "road_load", "wind"))  # fmt: skip
     return [Regressor(*row) for row in rows]
+
+
+CYCLE, COHERENT = (15.0, 100.0), 1500.0
+"""s: shortest and longest period of a power that comes and goes; twice the longest time over which two neighbouring
+frequencies stay in step."""
+
+
+def _cycles() -> Array:
+    return 1.0 / np.arange(1.0 / CYCLE[1], 1.0 / CYCLE[0], 1.0 / COHERENT)
 
 
 STATE = frozenset({
@@ -142,7 +162,8 @@ def columns(c: Context) -> Array:
         firing * moving),
         fuel, burn(w * firing), burn(w**2 * firing), fuel * load,
         fuel * load**2, fuel * np.maximum(load - 0.4, 0.0) * at, fuel * at, fuel**2,
-        burn(rise), burn(np.exp(-t / 150)), burn(r.cut), burn(slope * np.maximum(r.road_force, 0) * v * drive),
+        burn(rise), burn(np.exp(-t / 150)), *(burn(r.fuel * (r.load > 0.01 * share)) for share in (60, 70, 80, 90)),
+        burn(w * firing * np.exp(-t / 150)), burn(w * firing * np.exp(-t / 400)), burn(t < 60.0), burn(r.cut), burn(slope * np.maximum(r.road_force, 0) * v * drive),
         gnss(one), gnss(v**2), gnss(v * t), gnss(v * m.curvature), block_means(p, "height_gps",
             fix(t)) if p.trace.gps else zero,
     ]  # fmt: skip
@@ -154,5 +175,8 @@ def columns(c: Context) -> Array:
     for period in (120.0, 200.0, 300.0, 400.0):
         out.append(force(v**2 * np.cos(2 * np.pi * t / period)))
         out.append(force(v**2 * np.sin(2 * np.pi * t / period)))
+    power, at = burn(slope * firing), p.layout.time
+    for period in _cycles():
+        out += [power * np.cos(2.0 * np.pi * at / period), power * np.sin(2.0 * np.pi * at / period)]
     out += [force(v * np.cos(heading)), force(v * np.sin(heading))]
     return np.stack(out, axis=1)

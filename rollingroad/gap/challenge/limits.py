@@ -22,6 +22,8 @@ from rollingroad.gap.challenge.truth import along
 
 CORRELATION = 3.0
 BLOCK = 50
+SHAPES = 4
+"""Draws of a rival's shape (its place on the map, its direction, its times) that are tried."""
 EARLY = 600.0
 """s: the first ten minutes of a trip."""
 REGIMES = ("idle", "launch", "shift", "deceleration", "climb", "acceleration", "cruise", "moving")
@@ -53,12 +55,36 @@ class Bound:
         closed = _closed_form(effect.id, self.logs, self.references)
         if closed is not None:
             return closed
-        own, cross = 0.0, np.zeros(len(self.information))
-        for column, nuisance in zip(self._columns(effect, other, seed), self.nuisances, strict=True):
-            own += float(column @ column) / CORRELATION
-            cross += nuisance.T @ column / CORRELATION
-        left = own - float(cross @ np.linalg.solve(self.information, cross))
+        left = self._information([self._columns(effect, other, seed)])[0, 0]
         return 3.0 / float(np.sqrt(left)) if left > 1e-12 else float("inf")
+
+    def twins(self, effect: Effect, other: bool, seed: int, size: float, rivals: Sequence[Effect]) -> list[str]:
+        """Ids of those `rivals` that could stand for `effect` at `size` on these drives: with the rival's own size free
+        (of the signs it has), what is left of the effect's signal stays below its detection limit."""
+        if _closed_form(effect.id, self.logs, self.references) is not None:
+            return []
+        own, out = self._columns(effect, other, seed), []
+        for rival in rivals:
+            if _closed_form(rival.id, self.logs, self.references) is not None:
+                continue
+            drawn = [rival.make(rival.step, False, np.random.default_rng(shape)) for shape in range(SHAPES)]
+            for shape in range(1 if drawn[0] == drawn[1] else SHAPES):  # place on the map, times, directions
+                both = self._information([own, self._columns(rival, False, shape)])
+                if both[1, 1] * rival.largest**2 < 1e-9 or np.sign(both[0, 1]) * np.sign(size) not in rival.signs:
+                    continue
+                if size**2 * (both[0, 0] - both[0, 1] ** 2 / both[1, 1]) < 9.0:
+                    out.append(rival.id)
+                    break
+        return out
+
+    def _information(self, effects: Sequence[list[Array]]) -> Array:
+        """(k, k): information on the sizes of `effects` (columns per log), all nuisance free."""
+        own, cross = np.zeros((len(effects),) * 2), np.zeros((len(self.information), len(effects)))
+        for columns, nuisance in zip(zip(*effects, strict=True), self.nuisances, strict=True):
+            both = np.stack(columns, axis=1)
+            own += both.T @ both / CORRELATION
+            cross += nuisance.T @ both / CORRELATION
+        return own - cross.T @ np.linalg.solve(self.information, cross)
 
     def regimes(self, effect: Effect, other: bool, seed: int) -> tuple[dict[str, float], float]:
         """Shares of the effect's whitened signal over REGIMES (what tolerances and wind swallow taken off), and the

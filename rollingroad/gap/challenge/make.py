@@ -240,9 +240,12 @@ def _plan(number: int, kind: str, seed: int) -> Plan:
         parts = (drawn([BY_ID[i] for i in ids], strength, False),)
     kept = tuple(p for p in parts if p is not None)
     if hidden:
-        # with its whole class: a twin left in the catalogue would be a right answer
-        known = [p.effect for p in kept if not p.effect.startswith("novel")]
-        hide = tuple(e.id for e in EFFECTS if any(effects.same_class(e.id, k) for k in known))
+        # with its whole class, and with what could stand for it on these very drives at this size, as the generator's
+        # own car shows them: a twin left in the catalogue would be a right answer
+        alike = {e.id for e in EFFECTS for p in kept if effects.same_class(e.id, p.effect)}
+        for p in kept:
+            alike |= set(shown.twins(BY_ID[p.effect], p.other, p.seed, p.size, EFFECTS))
+        hide = tuple(e.id for e in EFFECTS if e.id in alike)
     elif rng.random() < 0.12:  # a decoy: hiding says nothing
         absent = [i for i in HIDEABLE if not any(effects.same_class(i, p.effect) for p in kept)]
         hide = (str(rng.choice(absent)),)
