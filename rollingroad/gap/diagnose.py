@@ -231,10 +231,11 @@ def _delay(trips, whitened, layout, calibration, library, hide, thresholds) -> f
     for trip, w in zip(trips, whitened, strict=True):
         total = total + w.gram
         driven += float(trip.p.samples.motion.distance[-1]) / 1e3
-        found = (
-            evidence.posterior(evidence.reduce(total, layout, calibration), library, layout, hide, thresholds).none
-            < 0.5
+        # pairs are left out: their prior is small, and with a single that detects first they decide nothing
+        h = evidence.hypotheses(
+            evidence.reduce(total, layout, calibration), library, layout, hide, thresholds, pairs=False
         )
+        found = evidence.weighed(h, thresholds).none < 0.5
         since = (since if since is not None else driven) if found else None
     return since
 

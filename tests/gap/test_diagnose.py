@@ -76,6 +76,19 @@ def test_a_wind_is_named_measured_and_shrinks_the_held_out_gap(garage) -> None:
     assert 0.0 <= advice["fuel_regret_after_percent"] < advice["fuel_regret_before_percent"]
 
 
+def test_a_hidden_compressor_is_told_by_its_period(garage) -> None:
+    """Given a power that comes and goes every 31 s, with all that is alike out of the catalogue, then it is outside,
+    and the hypothesis has the period, whatever the phase."""
+    result = _answer(
+        garage, {"ac_power": 2500.0, "ac_period": 31.0, "ac_duty": 0.4}, {},
+        ("ac_cycling", "accessory_load", "injector_dead_time"),
+    )  # fmt: skip
+    assert result["verdict"] == "outside_catalogue"
+    told = next(c for c in result["causes"] if c["effects"] == ["outside_catalogue"])["parameters"]
+    periods = [float(name.split("every ")[1].split()[0]) for name in told if "a power that comes and goes" in name]
+    assert any(abs(period - 31.0) < 0.7 for period in periods)
+
+
 def test_a_hidden_effect_is_not_named_but_told_apart(garage) -> None:
     """Given overrun that burns, with that effect out of the catalogue, then it is outside, in engine and fuel."""
     seen = _answer(garage, {"cut_lost": 1.0}, {})
