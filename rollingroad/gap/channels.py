@@ -53,6 +53,8 @@ UNSURE = 4.0
 """Times the fuel's deviation while the clutch slips or may slip."""
 TIMING = 0.08
 """s by which force and fuel may be apart: what a jerk makes of it is noise."""
+MEAN_GRADE, LOCAL_GRADE = 0.01, 0.02
+"""Deviations of a whole trip's grade, and of a block's, where nothing tells it."""
 BRAKE_LIMIT = 0.28
 """m/s2: while the fuel is cut, a deceleration that much beyond the overrun's is the brake's."""
 
@@ -112,7 +114,7 @@ def motion_of(trace: Trace, car: Car, idle_speed: float) -> tuple[Motion, Array,
         force = raw - bias
     else:
         height = np.zeros(len(t))
-        bias, bias_sd = 0.0, 0.0
+        bias, bias_sd = 0.0, 0.0 if grade_known(trace) else MEAN_GRADE * g
         force = a + g * _map_grade(trace, s)
     omega = trace.engine_speed.copy()
     gear = trace.gear
@@ -157,6 +159,11 @@ def _bias(trace: Trace, s: Array, height: Array, g: float) -> tuple[float, float
     normal = x.T @ solve[:, :2] + np.diag([1e-6, 1.0 / 0.5**2])
     value = np.linalg.solve(normal, x.T @ solve[:, 2])
     return float(value[1]), float(np.sqrt(np.linalg.inv(normal)[1, 1]))
+
+
+def grade_known(trace: Trace) -> bool:
+    """Whether an accelerometer or a road map tells how steep the road is."""
+    return bool(np.isfinite(trace.force).mean() > 0.9 or np.isfinite(trace.map_altitude).sum() >= 50)
 
 
 def _map_grade(trace: Trace, s: Array) -> Array:
@@ -266,6 +273,8 @@ def _layout(trace: Trace, samples: Samples, nominal: Replay, car: Car, coarse: b
     index = np.flatnonzero(samples.regime >= 0)
     label = block[index] * 16 + samples.regime[index]
     force = 0.012 * car.mass + 10.0
+    if not (coarse or grade_known(trace)):  # the road is taken for level: its hills are noise
+        force = float(np.hypot(force, LOCAL_GRADE * car.mass * car.gravity))
     slope = 2.7
     sigma = np.sqrt((force * slope * m.speed) ** 2 + (0.012 * np.nan_to_num(samples.fuel)) ** 2 + 150.0**2)
     jerk = np.gradient(m.acceleration, step) if not coarse else np.zeros(len(m.time))

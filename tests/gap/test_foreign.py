@@ -41,6 +41,14 @@ def test_a_jam_is_not_booked_to_the_car(understood) -> None:
     assert _answer(understood, World(jam=True))["verdict"] == "no_gap"
 
 
+def test_a_failed_accelerometer_is_no_gap(understood) -> None:
+    """Given references with an accelerometer, and logs with neither that nor a road map, then hills that nothing tells
+    and a less punctual speed are no gap."""
+    car, reference = understood
+    found = weigh(car, [_log(seed, World(accelerometer=False)) for seed in (2100, 2101)], reference, None)
+    assert as_json(found)["verdict"] == "no_gap"
+
+
 def test_its_wind_is_named_and_measured(understood) -> None:
     """Given a wind of 5 m/s from the north, then it is named and within a fifth."""
     first = _answer(understood, World(wind_north=5.0))["causes"][0]
