@@ -215,8 +215,8 @@ def trip_columns(
         ones = np.ones(len(p.trace.gps["t"]))
         rows.append(("height_gps", block_means(p, "height_gps", ones), 500.0))
         rows.append(("height_map", block_means(p, "height_map", ones), 500.0))
-        # wheels alone, without an accelerometer, are a smoother and less punctual speed than the references may have
-        punctual = 0.005 if np.isfinite(p.trace.force).mean() > 0.9 else 0.1
+        # wheels alone, without an accelerometer, are a smoother and less punctual speed than the references' may be
+        punctual = 0.005 if correction is None or np.isfinite(p.trace.force).mean() > 0.9 else 0.1
         rows.append(("fix_time", block_means(p, "gnss_speed", -_at_fixes(p, m.acceleration)), punctual))
     bar = car.engine.displacement / (4.0 * np.pi) * 1e5 * m.engine_speed
     for name, sd in (("launch", 4.0), ("open", 1.0)):  # how this driver uses the clutch

@@ -62,8 +62,10 @@ def library(car: Car) -> list[Regressor]:
         ("fuel_flow", "fuel growing with the flow squared", "1/W", 1.2e-6, "injector"),
         ("fuel_rise", "fuel when torque rises", "J/(N m)", 60.0, "engine_fuel"),
         ("fuel_fade", "fuel that fades within minutes", "W", 4000.0, "engine_fuel"),
-        *((f"fuel_above{share}", f"fuel above {share} % of full load, in proportion", "", 0.08, "engine_fuel")
-          for share in (60, 70, 80, 90)),
+        *(
+            (f"fuel_above{share}", f"fuel above {share} % of full load, in proportion", "", 0.08, "engine_fuel")
+            for share in (60, 70, 80, 90)
+        ),
         ("power_w_fade", "fuel growing with engine speed that fades within minutes", "W s", 8.0, "engine_fuel"),
         ("power_w_fade_slow", "fuel growing with engine speed that fades slowly", "W s", 8.0, "engine_fuel"),
         ("fuel_start", "fuel in the first minute", "W", 4000.0, "engine_fuel"),
@@ -163,7 +165,8 @@ def columns(c: Context) -> Array:
         fuel, burn(w * firing), burn(w**2 * firing), fuel * load,
         fuel * load**2, fuel * np.maximum(load - 0.4, 0.0) * at, fuel * at, fuel**2,
         burn(rise), burn(np.exp(-t / 150)), *(burn(r.fuel * (r.load > 0.01 * share)) for share in (60, 70, 80, 90)),
-        burn(w * firing * np.exp(-t / 150)), burn(w * firing * np.exp(-t / 400)), burn(t < 60.0), burn(r.cut), burn(slope * np.maximum(r.road_force, 0) * v * drive),
+        burn(w * firing * np.exp(-t / 150)), burn(w * firing * np.exp(-t / 400)), burn(t < 60.0), burn(r.cut),
+        burn(slope * np.maximum(r.road_force, 0) * v * drive),
         gnss(one), gnss(v**2), gnss(v * t), gnss(v * m.curvature), block_means(p, "height_gps",
             fix(t)) if p.trace.gps else zero,
     ]  # fmt: skip
