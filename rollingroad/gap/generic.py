@@ -30,7 +30,7 @@ class Regressor:
 def library(car: Car) -> list[Regressor]:
     """The regressors, in the order of `columns`' matrix. Deviations: about 3 % of the fuel of mixed driving."""
     weight = 0.03 * car.mass * car.gravity * 0.1
-    rows = [
+    rows: list[tuple[str, str, str, float, str] | tuple[str, str, str, float, str, str]] = [
         ("force_1", "a constant force", "N", weight, "road_load"),
         ("force_v", "a force growing with speed", "N s/m", weight / 15, "road_load"),
         ("force_v2", "a force growing with speed squared", "N s2/m2", weight / 250, "road_load"),
@@ -165,7 +165,7 @@ def columns(c: Context) -> Array:
         fuel, burn(w * firing), burn(w**2 * firing), fuel * load,
         fuel * load**2, fuel * np.maximum(load - 0.4, 0.0) * at, fuel * at, fuel**2,
         burn(rise), burn(np.exp(-t / 150)), *(burn(r.fuel * (r.load > 0.01 * share)) for share in (60, 70, 80, 90)),
-        burn(w * firing * np.exp(-t / 150)), burn(w * firing * np.exp(-t / 400)), burn(t < 60.0), burn(r.cut),
+        burn(w * firing * np.exp(-t / 150)), burn(w * firing * np.exp(-t / 400)), burn((t < 60.0).astype(float)), burn(r.cut),
         burn(slope * np.maximum(r.road_force, 0) * v * drive),
         gnss(one), gnss(v**2), gnss(v * t), gnss(v * m.curvature), block_means(p, "height_gps",
             fix(t)) if p.trace.gps else zero,
