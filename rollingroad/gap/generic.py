@@ -165,8 +165,8 @@ def columns(c: Context) -> Array:
         fuel, burn(w * firing), burn(w**2 * firing), fuel * load,
         fuel * load**2, fuel * np.maximum(load - 0.4, 0.0) * at, fuel * at, fuel**2,
         burn(rise), burn(np.exp(-t / 150)), *(burn(r.fuel * (r.load > 0.01 * share)) for share in (60, 70, 80, 90)),
-        burn(w * firing * np.exp(-t / 150)), burn(w * firing * np.exp(-t / 400)), burn((t < 60.0).astype(float)), burn(r.cut),
-        burn(slope * np.maximum(r.road_force, 0) * v * drive),
+        burn(w * firing * np.exp(-t / 150)), burn(w * firing * np.exp(-t / 400)), burn((t < 60.0).astype(float)),
+        burn(r.cut), burn(slope * np.maximum(r.road_force, 0) * v * drive),
         gnss(one), gnss(v**2), gnss(v * t), gnss(v * m.curvature), block_means(p, "height_gps",
             fix(t)) if p.trace.gps else zero,
     ]  # fmt: skip
