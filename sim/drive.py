@@ -397,12 +397,8 @@ def _safe_wish(
     """The acceleration (m/s2) that SUMO's model and the junctions ahead allow at most."""
     allowed = math.inf
     if leader:
+        # Also told to launch harder he follows as he always does: whoever closes up harder brakes more.
         follow = traffic.follow_speed(speed, gap, leader, leader_speed, style.acceleration)
-        if traffic.released:
-            # Closing in he brakes as he always does; behind one who draws away he may pull as hard as he was told.
-            closing = min(max(speed - leader_speed, 0.0), 1.0)
-            brisk = traffic.follow_speed(speed, gap, leader, leader_speed, traffic.released)
-            follow = brisk + closing * (follow - brisk)
         allowed = (follow - speed) / PERIOD
     planned = traffic.planned_acceleration()
     if stop < math.inf:
