@@ -100,6 +100,7 @@ def test_the_advisor_is_shown_no_more_than_a_dashboard() -> None:
     assert set(View.__dataclass_fields__) == {
         "time", "distance", "speed", "gear", "leader_gap", "leader_speed", "signal_distance", "signal_state",
         "destination_distance",
+        "told_distance", "told_green",  # what a signal itself tells, where it does
     }  # fmt: skip
 
 
