@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.drives import HELD_OUT, Saved, saved_drive
+from benchmarks.drives import Saved, saved_drive
 from observer import kernel
 from observer.events import prepare, with_grid
 from observer.family import FAMILY, run_family
@@ -40,6 +40,8 @@ from vehicle_model.car.trip import Trip
 FILE = Path(__file__).parents[1] / "docs" / "league.json"
 PAGE = FILE.with_suffix(".md")
 SCENARIO = "mixed"
+SEEDS = (100, 101)
+"""Drives of the league: no setting was chosen on them."""
 SHORT, LONG, STAND = 120.0, 720.0, 600.0
 """s of the drive that are used: for most faults, for the long outage; s of standstill put in."""
 SETTLED, BLOCK = 20.0, 10.0
@@ -289,7 +291,7 @@ if __name__ == "__main__":
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--filters", nargs="+", default=list(FILTERS), help="the others keep what the file says")
     options = parser.parse_args()
-    chosen = HELD_OUT[: options.seeds]
+    chosen = SEEDS[: options.seeds]
     for name in options.filters:
         if name in COMPILED:  # compile first: cost is that of filtering
             play([name], ["clean"], chosen[:1], options.drives)

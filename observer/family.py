@@ -6,7 +6,7 @@ filter. They are the readable forms: references and subjects of comparison. The 
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 from scipy.linalg import expm
@@ -94,29 +94,40 @@ class Continuous:
 
 
 class HighGain:
-    """The adaptive high-gain EKF; it wants distances where others take speeds, and a car that moves.
+    """The adaptive high-gain EKF; its outputs are those of the normal form, and it wants a car that moves.
 
-    The normal form ends where the wheels fall silent: the state is held, and the filter begins anew from it.
+    Distance and fuel energy are outputs where others take their rates: sums of the increments, counted anew from the
+    state after a hole. Fixes and courses are brought forward by their lag. The normal form ends where the wheels fall
+    silent: the state is held, and the filter begins anew from it.
     """
 
+    UNGATED = (model.SPEED, model.FUEL_POWER, model.ACCELERATION_X)
+    """A gate would turn away the very innovations that are to raise the gain."""
+    STEPS = 4
+    """Of an instant: at a high gain and a walk the form is stiff, and a covariance would turn negative."""
+    THRESHOLD = (30.0, 100.0)
+    """Misfit J_d below which the gain falls and above which it rises: usual driving stays under the second."""
+
     def __init__(self, car: Car, x: Array, deviation: Array) -> None:
-        self._car, self._deviation = car, deviation
+        self._car, self._deviation = car, deviation.copy()
         self._begin(x)
         self._asleep = True
-        self._before = self._dt = 0.0
+        self._dt = 0.0
 
     def _begin(self, x: Array) -> None:
         moving = x.copy()
         moving[model.V] = max(moving[model.V], 2.0 * SLOWEST)
-        self._filter = AdaptiveHighGain(self._car, moving, np.diag(self._deviation**2), NOISE)
+        self._filter = AdaptiveHighGain(self._car, moving, np.diag(self._deviation**2), NOISE, threshold=self.THRESHOLD)
+        self._sums: dict[int, float] = {}
 
     def turn(self, course: float) -> None:
         self._filter.z[3] = course
+        self._deviation[model.PSI] = 0.1
 
     def predict(self, dt: float) -> None:
-        self._before, self._dt = float(self._filter.z[0]), dt
-        if not self._asleep:
-            self._filter.predict(dt)
+        self._dt = dt
+        for _ in range(0 if self._asleep else self.STEPS):
+            self._filter.predict(dt / self.STEPS)
 
     def moments(self) -> tuple[Array, Array]:
         found = self._filter
@@ -134,12 +145,36 @@ class HighGain:
             self._asleep = False
         if self._asleep:
             return
-        for kind, value, variance in zip(instant.kinds, reading.value, np.diag(reading.noise), strict=True):
-            if kind == model.SPEED:
-                way = self._before + self._dt * max(float(value), SLOWEST)
-                self._filter.correct(model.DISTANCE, way, float(variance) * self._dt**2)
+        z = self._filter.z
+        for kind, value, variance, aux in zip(
+            instant.kinds, reading.value, np.diag(reading.noise), instant.aux, strict=True
+        ):
+            if kind in self.SUMS:
+                self._count(kind, float(value), float(variance))
+            elif kind in model.HEADINGS:
+                nu = float(value) + aux * z[4] - z[3]
+                near = z[3] + (nu + np.pi) % (2.0 * np.pi) - np.pi
+                self._filter.correct(model.MAP_HEADING, float(near), float(variance))
             elif kind in NORMAL_KINDS:
-                self._filter.correct(kind, float(value), float(variance))
+                x = self._filter.state()
+                late = model.measurement(kind, x, self._car, float(aux)) - model.measurement(kind, x, self._car)
+                self._filter.correct(kind, float(value - late), float(variance))
+        for kind in self.SUMS:
+            if kind not in told:
+                self._sums.pop(kind, None)
+
+    SUMS: ClassVar = {model.SPEED: model.DISTANCE, model.FUEL_POWER: model.INJECTED_ENERGY}
+    """Rates that are measured, and the output that their sum is."""
+
+    def _count(self, kind: int, rate: float, variance: float) -> None:
+        """Add an increment to the sum that is the output; the first one only sets its zero."""
+        output = self.SUMS[kind]
+        place = NORMAL_KINDS[output]
+        if kind not in self._sums:
+            self._sums[kind] = float(self._filter.z[place])
+            return
+        self._sums[kind] += rate * self._dt
+        self._filter.correct(output, self._sums[kind], variance * self._dt**2)
 
 
 class Bootstrap:
@@ -280,11 +315,22 @@ def _unscented(car: Car, x: Array, deviation: Array) -> Filter:
 
 
 def _kalman_bucy(car: Car, x: Array, deviation: Array) -> Filter:
-    system, spread = car_system(car, NOISE), unscented.Spread()
+    """Dynamics by A.29 without noise, then the noise by a factorisation.
+
+    A.29 whole is stiff where noise is large against what is known: dS/dt = Q / (2 S) of a fuel power just measured.
+    """
+    quiet, spread = car_system(car, np.zeros(17)), unscented.Spread()
+    noise = np.diag(np.sqrt(NOISE))
+
+    def step(state: Array, S: Array, dt: float) -> tuple[Array, Array]:
+        state, S = unscented.predict_square_root(quiet, state, S, dt, spread, step=WIDTH)
+        wide = square_root.lower_factor(np.hstack([S, np.sqrt(dt) * noise]))
+        return state, wide * np.where(np.diag(wide) < 0.0, -1.0, 1.0)
+
     return Gaussian(
         x,
         np.diag(deviation),
-        lambda s, p, dt: unscented.predict_square_root(system, s, p, dt, spread, step=0.05),
+        step,
         lambda s, p, reading: unscented.correct_square_root(s, p, reading, spread),
         factored=True,
     )
@@ -366,6 +412,7 @@ def _turn(observer: Filter, course: float) -> None:
 def _gated(observer: Filter, instant: Instant, car: Car, turned: bool, shut: dict[int, float]) -> Instant:
     """`instant` without the values that lie beyond the gate, which opens again after `REOPEN` s."""
     x, P = observer.moments()
+    free = HighGain.UNGATED if isinstance(observer, HighGain) else ()
     keep = []
     for i, (kind, value, variance, aux) in enumerate(
         zip(instant.kinds, instant.value, instant.variance, instant.aux, strict=True)
@@ -377,7 +424,7 @@ def _gated(observer: Filter, instant: Instant, car: Car, turned: bool, shut: dic
         nu = value - model.measurement(kind, x, car, float(aux))
         if kind in model.HEADINGS:
             nu = (nu + np.pi) % (2.0 * np.pi) - np.pi
-        if nu * nu > GATE * (h @ P @ h + variance):
+        if kind not in free and nu * nu > GATE * (h @ P @ h + variance):
             if instant.time - shut.setdefault(kind, instant.time) < REOPEN:
                 continue
         else:
