@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sim.drive import HARSH, STOP_SHORT, _must_stop, _safe_wish
-from sim.drivers import STYLES
+from sim.drivers import ADVISED_ACCELERATION, STYLES
 from sim.traffic import PERIOD
 
 YELLOW = {50.0: 3.0, 70.0: 5.0, 80.0: 5.0}
@@ -50,3 +50,18 @@ def test_a_yellow_light_is_obeyed_without_harsh_braking_or_passed_before_it_is_r
         assert not passed or time <= YELLOW[limit], (distance, time)
         assert passed or left > STOP_SHORT - 0.7, distance
     assert outcomes == {True, False}
+
+
+@pytest.mark.parametrize("leader_speed", [6.0, 10.0, 14.0])
+def test_who_was_told_to_launch_harder_follows_the_car_in_front_as_ever(leader_speed: float) -> None:
+    """Given a model that accelerates by what it may, when advice has released more, then he wishes what he wished."""
+    wishes = []
+    for released in (0.0, ADVISED_ACCELERATION):
+        traffic = SimpleNamespace(
+            released=released,
+            follow_speed=lambda speed, gap, leader, leader_speed, acceleration: speed + PERIOD * acceleration,
+            planned_acceleration=lambda: math.inf,
+            may_enter=lambda reach: (True, math.inf),
+        )
+        wishes.append(_safe_wish(traffic, STYLES["good"], 10.0, "w1", 40.0, leader_speed, math.inf, math.inf))  # type: ignore[arg-type]
+    assert wishes[0] == wishes[1] == pytest.approx(STYLES["good"].acceleration)
