@@ -1,5 +1,6 @@
 """From a log, a car file and a road map to the estimate: the asynchronous CD-EKF forwards, its smoother backwards."""
 
+import logging
 import math
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -34,6 +35,8 @@ RECORD = np.dtype(
 REASONS = np.array(["", "gate", "not_finite", "reopened", "stuck", "anchor", "poor"])
 """By code of `observer.kernel`: beyond the gate; not a number; fused after a gate had been shut for too long; the
 sensor repeats itself; the first pulse after a silence, which only sets the zero; said by the sensor to be poor."""
+LOGGER = logging.getLogger("observer")
+"""Told of what a healthy run never does."""
 LEARNT = {
     "bias_x": kernel.BIAS_X,
     "bias_y": kernel.BIAS_Y,
@@ -144,6 +147,16 @@ def start(car: Car, settings: ObserverSettings, learnt: Mapping[str, float] | No
     )
 
 
+def tell_repairs(f: kernel.Filter, known: int) -> int:
+    """Log the covariance's resets beyond the `known` ones; return how many there have been in all."""
+    repairs = int(f.memory[kernel.M_REPAIRS])
+    if repairs > known:
+        LOGGER.warning(
+            "covariance not positive up to %.1f s: states reset, %d times", f.memory[kernel.M_TIME], repairs - known
+        )
+    return repairs
+
+
 def records_from(rows: NDArray[np.float64]) -> NDArray:
     """Return the kernel's record rows (m, 7) as the structured array of `Estimate.records`."""
     records = np.empty(len(rows), RECORD)
@@ -184,6 +197,7 @@ def observe(
     )
     f.counts[kernel.RECORDING] = 1
     kernel.advance(events, 0, len(events), f)
+    tell_repairs(f, 0)
     smooth_x, smooth_P = _smooth(packets, start(car, settings, learnt, begin))
     x, P, memory = f.x, f.P, f.memory
     found = {name: float(x[place]) for name, place in LEARNT.items()}

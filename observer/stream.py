@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from observer import kernel
 from observer.events import ADMITTED, GRID_STEP, HORIZON, admit, door, map_rows, packet_rows
-from observer.observe import records_from, start
+from observer.observe import records_from, start, tell_repairs
 from observer.settings import DEFAULT, ObserverSettings
 from sensors.matching import Matcher
 from sensors.roadmap import RoadMap
@@ -55,6 +55,8 @@ class Observer:
         self._filter: kernel.Filter | None = None
         self.refused = 0
         """Packets whose time stamp was refused."""
+        self.repairs = 0
+        """Resets of a covariance that was not positive any more."""
 
     def update(self, stream: str, packets: NDArray) -> Update:
         """Take `packets` of one stream (`sensors.log.STREAMS`), next in the log's order; return what became known."""
@@ -126,6 +128,7 @@ class Observer:
             part = np.array(rows[first : first + _CHUNK])
             f.counts[[kernel.RECORDS, kernel.GRID_LINES]] = 0
             kernel.advance(part, 0, len(part), f)
+            self.repairs = tell_repairs(f, self.repairs)
             lines = f.counts[kernel.GRID_LINES]
             time.append(part[part[:, 1] == kernel.GRID, 0])
             states.append(f.grid_x[:lines, :17].copy())

@@ -1,5 +1,6 @@
 """The observer on a truth of the tests' own: accuracy, robustness, and stream against batch."""
 
+import logging
 from dataclasses import replace
 
 import numpy as np
@@ -138,6 +139,18 @@ def test_garbage_never_enters(log):
     for name, tolerance in (("thrust", 2.0), ("speed", 2e-3), ("pitch", 1e-4), ("north", 1e-2), ("bias_x", 1e-4)):
         np.testing.assert_allclose(found.column(name), clean.column(name), rtol=0, atol=tolerance, err_msg=name)
     assert np.count_nonzero(found.records["reason"] == "not_finite") >= 10
+
+
+def test_a_broken_covariance_is_reset_and_told(log, caplog):
+    """Given a noise that takes certainty for granted until the variance turns negative, then every reset is logged."""
+    with caplog.at_level(logging.WARNING, logger="observer"):
+        found = observe(log, SMART, settings=replace(DEFAULT, bias_noise=-1e-3))
+    assert "covariance not positive" in caplog.text
+    assert np.isfinite(found.state).all()
+    caplog.clear()
+    with caplog.at_level(logging.WARNING, logger="observer"):
+        observe(log, SMART)
+    assert not caplog.records
 
 
 def test_no_packet_at_all_is_an_empty_estimate():
