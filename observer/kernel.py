@@ -233,6 +233,8 @@ RATTLE_MEMORY = 0.005
 """Share of one reading in the running estimate of the accelerometer's noise."""
 RATTLE_USUAL = 0.5
 """Excess of the noise's variance that is not yet believed."""
+RATTLE_MOST, RATTLE_STEP = 100.0, 50.0
+"""Most excess that is believed, so that it is forgotten in time; m/s2 between readings that no noise makes."""
 WRAP = 2.0 * math.pi
 UNKNOWN_HEADING = 1.0
 """rad2: with more variance than this, a course is taken over instead of being fused."""
@@ -808,8 +810,8 @@ def on_accelerometer(event, f):
         step = p[r + 3 * axis] * dx + p[r + 3 * axis + 1] * dy + p[r + 3 * axis + 2] * dz
         excess = mem[M_RATTLE + axis]
         seen = min(0.5 * step * step / believed, 9.0 * (1.0 + excess)) - 1.0
-        if math.isfinite(seen):
-            excess += RATTLE_MEMORY * (seen - excess)
+        if math.isfinite(seen) and abs(step) < RATTLE_STEP:
+            excess = min(excess + RATTLE_MEMORY * (seen - excess), RATTLE_MOST)
             mem[M_RATTLE + axis] = excess
         if excess > RATTLE_USUAL:
             believed *= 1.0 + excess - RATTLE_USUAL
