@@ -3,6 +3,7 @@ floor."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from rollingroad.gap.evidence import (
     reduce,
     stack,
 )
+from rollingroad.gap.generic import Regressor
 from rollingroad.gap.signatures import Variant
 from rollingroad.gap.where import signal
 
@@ -83,15 +85,22 @@ def shrink(
     whole = reduce(total, layout, calibration)
 
     def errors(index: NDArray, deviations: Array, fits: Sequence[Reduced]) -> Array:
-        out = []
-        for case, r in zip(cases, fits, strict=True):
-            value = fit(r, index, deviations).value if len(index) else np.zeros(0)
-            out.append(_rms(case, case.residual - case.columns[:, index] @ value))
-        return np.array(out)
+        return np.array([_left(c, r, index, deviations) for c, r in zip(cases, fits, strict=True)])
 
     none = np.zeros(0, int)
     before = errors(none, np.zeros(0), reductions)
-    after = errors(columns, sd, reductions) if len(columns) else before
+    generic = None
+    if posterior.regressors is not None:
+        lengths = _lengths(posterior.regressors[0])
+        index, deviations = _columns_of(("outside_catalogue",), posterior, library, layout, places)
+        kept = _kept(cases, [w.gram for w in whitened], index, deviations, lengths, layout, calibration)
+        generic = np.array(
+            [_left(c, r, index[:k], deviations[:k]) for c, r, k in zip(cases, reductions, kept, strict=True)]
+        )
+    if chosen == ("outside_catalogue",) and generic is not None:
+        after = generic
+    else:
+        after = errors(columns, sd, reductions) if len(columns) else before
     best = [fit(whole, columns, sd).value if len(columns) else np.zeros(0)] * len(cases)
     floor = np.array([_floor(c, c.columns[:, columns] @ b) for c, b in zip(cases, best, strict=True)])
     if coarse:
@@ -106,10 +115,7 @@ def shrink(
         index = np.arange(place.start, place.stop)
         singles[effect] = mean(errors(index, library.sd[index], reductions))
     rivals = [value for effect, value in singles.items() if effect not in chosen]
-    generic_after = None
-    if posterior.regressors is not None:
-        index = np.array([layout.effects + library.regressors.index(g) for g in posterior.regressors[0]])
-        generic_after = mean(errors(index, np.array([g.sd for g in posterior.regressors[0]]), reductions))
+    generic_after = mean(generic) if generic is not None else None
     b, a, f = mean(before), mean(after), mean(floor)
     recovered = _recovered(before, after, floor) if chosen else None
     ci = _interval(before, after, floor) if chosen and held else None
@@ -120,6 +126,38 @@ def shrink(
         channel, b, a, f, recovered, ci, None, held, min(rivals) if rivals else None, generic_after, *fuel,
         tuple(zip(before.tolist(), after.tolist(), floor.tolist(), strict=True)), singles,
     )  # fmt: skip
+
+
+def _left(case: _Case, r: Reduced, index: NDArray, deviations: Array) -> float:
+    """Normalised rms that the columns `index`, fitted to `r`, leave of a trip."""
+    value = fit(r, index, deviations).value if len(index) else np.zeros(0)
+    return _rms(case, case.residual - case.columns[:, index] @ value)
+
+
+def _lengths(found: Sequence[Regressor]) -> list[int]:
+    """How many of `found`'s terms can stand without the rest: from none to all, families whole."""
+    inside = [bool(a.family) and a.family == b.family for a, b in pairwise(found)]
+    return [0, *(n + 1 for n, together in enumerate(inside) if not together), len(found)] if found else [0]
+
+
+def _kept(
+    cases: Sequence[_Case], grams: Sequence[Array], index: NDArray, deviations: Array, lengths: Sequence[int],
+    layout: Layout, calibration: Calibration,
+) -> list[int]:  # fmt: skip
+    """How many terms of the generic correction to offer to each trip: those that helped, fitted without it, on the
+    other trips in turn. Terms that fit some trips together may say anything of the next. All, below three trips."""
+    if len(cases) < 3:
+        return [len(index)] * len(cases)
+    total = np.sum(grams, axis=0)
+    kept = []
+    for i, out in enumerate(grams):
+        squares = np.zeros(len(lengths))
+        for j, other in enumerate(grams):
+            if j != i:
+                r = reduce(total - out - other, layout, calibration)
+                squares += [_left(cases[j], r, index[:k], deviations[:k]) ** 2 for k in lengths]
+        kept.append(lengths[int(np.argmin(squares))])
+    return kept
 
 
 def leading(posterior: Posterior) -> tuple[str, ...]:
