@@ -144,10 +144,14 @@ def _kept(
     cases: Sequence[_Case], grams: Sequence[Array], index: NDArray, deviations: Array, lengths: Sequence[int],
     layout: Layout, calibration: Calibration,
 ) -> list[int]:  # fmt: skip
-    """How many terms of the generic correction to offer to each trip: those that helped, fitted without it, on the
-    other trips in turn. Terms that fit some trips together may say anything of the next. All, below three trips."""
+    """How many terms of the generic correction to offer to each trip, judged on the other trips in turn, without it.
+
+    All, unless together they leave the others worse than no correction does (terms that fit some trips together may
+    say anything of the next): then those that helped most. Two trips leave one to fit on, and none to judge by: the
+    first term (or family), which one trip can tell. A trip alone: all.
+    """
     if len(cases) < 3:
-        return [len(index)] * len(cases)
+        return [lengths[1] if len(cases) == 2 and len(lengths) > 1 else lengths[-1]] * len(cases)
     total = np.sum(grams, axis=0)
     kept = []
     for i, out in enumerate(grams):
@@ -156,7 +160,8 @@ def _kept(
             if j != i:
                 r = reduce(total - out - other, layout, calibration)
                 squares += [_left(cases[j], r, index[:k], deviations[:k]) ** 2 for k in lengths]
-        kept.append(lengths[int(np.argmin(squares))])
+        harmful = squares[-1] > squares[0]
+        kept.append(lengths[int(np.argmin(squares))] if harmful else lengths[-1])
     return kept
 
 
