@@ -138,6 +138,8 @@ class Traffic:
 
         For `TOLD_AHEAD` s of its programme, as such signals broadcast it (SPaT, SAE J2735).
         """
+        if reach <= 0.0:  # none tells: not worth a call at every step
+            return math.inf, ()
         ahead = libsumo.vehicle.getNextTLS(EGO)
         if not ahead or ahead[0][2] > reach:
             return math.inf, ()
