@@ -10,9 +10,11 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from rollingroad.gap import evidence
+from rollingroad.gap.calibration import FREEDOM, Calibration, Reduced, calibrate, doubted, log_evidence, reduce
 from rollingroad.gap.channels import prepare
 from rollingroad.gap.door import read_road, read_trips, split_restarts
-from rollingroad.gap.evidence import Calibration, Library, Posterior, Reduced, Trip
+from rollingroad.gap.evidence import Posterior
+from rollingroad.gap.fits import fit
 from rollingroad.gap.identify import unseen
 from rollingroad.gap.plausible import check
 from rollingroad.gap.reconstruct import reconstruct
@@ -23,6 +25,7 @@ from rollingroad.gap.result import as_json
 from rollingroad.gap.road import Road
 from rollingroad.gap.shrinkage import Shrinkage, leading, shrink
 from rollingroad.gap.thresholds import load as load_thresholds
+from rollingroad.gap.trips import Layout, Library, Trip, columns_of, layout_of, whiten
 from rollingroad.gap.where import EARLY, Place, locate
 from sensors.log import SensorLog
 from vehicle_model.car.errors import BadInput
@@ -51,7 +54,7 @@ class Diagnosis:
     reference: tuple[Trip, ...]
     logs: tuple[Trip, ...]
     library: Library
-    layout: evidence.Layout
+    layout: Layout
     calibration: Calibration
     reduced: Reduced
     posterior: Posterior
@@ -113,8 +116,8 @@ def _restart(d: Diagnosis, rest: float, log: SensorLog, road: Road | None) -> Re
     if trip is None:
         return None
     with threadpool_limits(1):
-        gram = evidence.whiten(trip, d.layout, d.calibration.noise).gram
-        reduced = evidence.reduce(gram, d.layout, d.calibration)
+        gram = whiten(trip, d.layout, d.calibration.noise).gram
+        reduced = reduce(gram, d.layout, d.calibration)
         variant, before = d.posterior.fits[effect]
         place = next(q for v, q in zip(d.library.variants, d.library.places, strict=True) if v is variant)
         index = np.arange(place.start, place.stop)
@@ -145,9 +148,9 @@ def weigh(
         coarse = False
         reference = [t for t in before if t is not None]
         if reference:
-            layout = evidence.layout_of(reference)
+            layout = layout_of(reference)
             coarse = not np.isfinite(reference[0].p.trace.engine_speed).any()
-            calibration = evidence.calibrate(reference, layout, library, coarse=coarse)
+            calibration = calibrate(reference, layout, library, coarse=coarse)
             correction = dict(zip(layout.calibration, calibration.mean, strict=True))
         else:
             correction = None
@@ -159,23 +162,23 @@ def weigh(
                 "--logs", "", "at least one trip of 45 s with speed; " + "; ".join(more or ["none was readable"])
             )
         coarse = not np.isfinite(trips[0].p.trace.engine_speed).any()
-        both = evidence.layout_of([*reference, *trips])
+        both = layout_of([*reference, *trips])
         if not reference or both.calibration != layout.calibration or both.tolerance != layout.tolerance:
-            calibration = evidence.calibrate(reference, both, library, coarse=coarse)
+            calibration = calibrate(reference, both, library, coarse=coarse)
         layout = both
         if not reference:
             calibration, told = _without_reference(trips, layout, library, hide, thresholds, coarse)
             notes += told
             if told:
                 thresholds = replace(thresholds, floor={**thresholds.floor, **_foreign_floor(library)})
-        trips, whitened = evidence.doubted(trips, layout, calibration, coarse=coarse)
+        trips, whitened = doubted(trips, layout, calibration, coarse=coarse)
         gram = sum((w.gram for w in whitened), np.zeros_like(whitened[0].gram))
-        reduced = evidence.reduce(gram, layout, calibration)
+        reduced = reduce(gram, layout, calibration)
         posterior = evidence.posterior(reduced, library, layout, hide, thresholds)
         for _ in range(REFITS if posterior.none < 0.9 else 0):
             trips, whitened = refit(trips, whitened, layout, calibration, library, posterior, car)
             gram = sum((w.gram for w in whitened), np.zeros_like(whitened[0].gram))
-            reduced = evidence.reduce(gram, layout, calibration)
+            reduced = reduce(gram, layout, calibration)
             posterior = evidence.posterior(reduced, library, layout, hide, thresholds)
         where = locate(trips, whitened, layout, calibration, posterior, library, reduced)
         early = EARLY if where and where[0].regime == "first_600_s" else None
@@ -201,24 +204,24 @@ def _foreign_floor(library: Library) -> dict[str, float]:
 
 
 def _without_reference(
-    trips: Sequence[Trip], layout: evidence.Layout, library: Library, hide: Sequence[str],
+    trips: Sequence[Trip], layout: Layout, library: Library, hide: Sequence[str],
     thresholds: evidence.Thresholds, coarse: bool,
 ) -> tuple[Calibration, list[str]]:  # fmt: skip
     """How far these trips' engine is from the simulator's own: the freedom of the correction under which trips and best
     cause together are likeliest. A foreign map is thereby never taken for an effect."""
     best: tuple[float, Calibration, float] | None = None
-    for freedom in evidence.FREEDOM:
-        calibration = evidence.calibrate([], layout, library, coarse=coarse, freedom=freedom)
-        _, whitened = evidence.doubted(trips, layout, calibration, coarse=coarse)
+    for freedom in FREEDOM:
+        calibration = calibrate([], layout, library, coarse=coarse, freedom=freedom)
+        _, whitened = doubted(trips, layout, calibration, coarse=coarse)
         gram = sum((w.gram for w in whitened), np.zeros_like(whitened[0].gram))
-        reduced = evidence.reduce(gram, layout, calibration)
+        reduced = reduce(gram, layout, calibration)
         h = evidence.hypotheses(reduced, library, layout, hide, thresholds, pairs=False)
         gain = max([0.0, *h.singles.values()])
-        likely = evidence.log_evidence(gram, layout, calibration) + gain
+        likely = log_evidence(gram, layout, calibration) + gain
         if best is None or likely > best[0]:
             best = (likely, calibration, freedom)
     assert best is not None
-    if best[2] == evidence.FREEDOM[0]:
+    if best[2] == FREEDOM[0]:
         return best[1], []
     return best[1], [
         "no reference trips, and the engine's map is not the simulator's: what these trips show of fuel is taken for "
@@ -232,9 +235,7 @@ def _delay(trips, whitened, layout, calibration, library, hide, thresholds) -> f
         total = total + w.gram
         driven += float(trip.p.samples.motion.distance[-1]) / 1e3
         # pairs are left out: their prior is small, and with a single that detects first they decide nothing
-        h = evidence.hypotheses(
-            evidence.reduce(total, layout, calibration), library, layout, hide, thresholds, pairs=False
-        )
+        h = evidence.hypotheses(reduce(total, layout, calibration), library, layout, hide, thresholds, pairs=False)
         found = evidence.weighed(h, thresholds).none < 0.5
         since = (since if since is not None else driven) if found else None
     return since
@@ -271,8 +272,8 @@ def _controls(trips, whitened, layout, calibration, library, posterior) -> dict[
             middle = np.linalg.inv(np.eye(scaled.shape[1]) + scaled.T @ scaled)
             cross = scaled.T @ rows
             gram += rows.T @ rows - cross.T @ middle @ cross
-        r = evidence.reduce(gram, layout, calibration)
-        out[name] = evidence.fit(r, index, library.sd[index]).log_bayes / max(own, 1.0)
+        r = reduce(gram, layout, calibration)
+        out[name] = fit(r, index, library.sd[index]).log_bayes / max(own, 1.0)
     return out
 
 
@@ -325,4 +326,4 @@ def _one(job: tuple[SensorLog, Car, Road | None, Mapping[str, float] | None]) ->
         if not len(p.layout.time):
             return None, f"{log.name}: nothing to compare (no fuel and no second speed)"
         coarse = not np.isfinite(trace.engine_speed).any()
-        return evidence.columns_of(p, car, vector, library, coarse=coarse, correction=correction), "; ".join(told)
+        return columns_of(p, car, vector, library, coarse=coarse, correction=correction), "; ".join(told)

@@ -4,7 +4,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from rollingroad.gap.evidence import Library, Posterior, Reduced, Trip, cosine, visible
+from rollingroad.gap.calibration import Reduced
+from rollingroad.gap.evidence import Posterior, visible
+from rollingroad.gap.fits import cosine
+from rollingroad.gap.trips import Library, Trip
 
 SUBSYSTEM: Mapping[str, str] = {
     **dict.fromkeys(

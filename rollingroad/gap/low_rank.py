@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rollingroad.gap.calibration import Calibration, unexplained
 from rollingroad.gap.channels import CHANNELS
-from rollingroad.gap.evidence import Calibration, Layout, Trip, Whitened, unexplained
+from rollingroad.gap.trips import Layout, Trip, Whitened
 
 WINDOW = 30.0
 USED = ("fuel_power", "coast_force", "gnss_speed", "gear_ratio", "height_gps", "height_map")

@@ -15,11 +15,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rollingroad.gap.calibration import Calibration
 from rollingroad.gap.channels import block_means, values
 from rollingroad.gap.design import FUEL, map_correction
-from rollingroad.gap.evidence import Calibration, Layout, Library, Posterior, Trip, Whitened, marginal_gram
+from rollingroad.gap.evidence import Posterior
 from rollingroad.gap.replay import replay_vector, vector_of
 from rollingroad.gap.signatures import Context, Variant
+from rollingroad.gap.trips import Layout, Library, Trip, Whitened, marginal_gram
 from vehicle_model.car.errors import BadInput
 from vehicle_model.car.parameters import Car
 

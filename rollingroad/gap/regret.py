@@ -12,11 +12,14 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from rollingroad.gap.calibration import Calibration, reduce
 from rollingroad.gap.channels import REGIMES
 from rollingroad.gap.design import map_correction
-from rollingroad.gap.evidence import Calibration, Layout, Library, Posterior, Trip, Whitened, fit, reduce
+from rollingroad.gap.evidence import Posterior
+from rollingroad.gap.fits import fit
 from rollingroad.gap.replay import Motion, replay_vector, vector_of
 from rollingroad.gap.signatures import Variant
+from rollingroad.gap.trips import Layout, Library, Trip, Whitened
 from vehicle_model.car.errors import BadInput
 from vehicle_model.car.parameters import Car
 

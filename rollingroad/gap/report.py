@@ -10,9 +10,9 @@ import numpy as np
 
 from rollingroad.gap.channels import CHANNELS
 from rollingroad.gap.design import FUEL
-from rollingroad.gap.evidence import stack, whiten
 from rollingroad.gap.low_rank import low_rank
 from rollingroad.gap.result import as_json
+from rollingroad.gap.trips import stack, whiten
 from rollingroad.gap.where import hypotheses
 from rollingroad.viz import charts
 from rollingroad.viz.charts import Bars, Chart, Heat, Line, Panel

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rollingroad.gap.evidence import Fit
+from rollingroad.gap.fits import Fit
 from rollingroad.gap.identify import class_of, separators
 from rollingroad.gap.signatures import Variant
 

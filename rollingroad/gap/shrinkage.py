@@ -3,27 +3,18 @@ floor."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rollingroad.gap.calibration import Calibration, Reduced, reduce
 from rollingroad.gap.channels import CHANNELS
 from rollingroad.gap.design import FUEL
-from rollingroad.gap.evidence import (
-    Calibration,
-    Layout,
-    Library,
-    Posterior,
-    Reduced,
-    Trip,
-    Whitened,
-    fit,
-    reduce,
-    stack,
-)
-from rollingroad.gap.generic import Regressor
+from rollingroad.gap.evidence import Posterior
+from rollingroad.gap.fits import fit
+from rollingroad.gap.outside import correction
 from rollingroad.gap.signatures import Variant
+from rollingroad.gap.trips import Layout, Library, Trip, Whitened, stack
 from rollingroad.gap.where import signal
 
 Array = NDArray[np.float64]
@@ -87,22 +78,18 @@ def shrink(
     def errors(index: NDArray, deviations: Array, fits: Sequence[Reduced]) -> Array:
         return np.array([_left(c, r, index, deviations) for c, r in zip(cases, fits, strict=True)])
 
-    none = np.zeros(0, int)
-    before = errors(none, np.zeros(0), reductions)
-    generic = None
-    if posterior.regressors is not None:
-        lengths = _lengths(posterior.regressors[0])
-        index, deviations = _columns_of(("outside_catalogue",), posterior, library, layout, places)
-        kept = _kept(cases, [w.gram for w in whitened], index, deviations, lengths, layout, calibration)
-        generic = np.array(
-            [_left(c, r, index[:k], deviations[:k]) for c, r, k in zip(cases, reductions, kept, strict=True)]
-        )
-    if chosen == ("outside_catalogue",) and generic is not None:
-        after = generic
+    before = np.array([_rms(c, c.residual) for c in cases])
+    # terms are sought and their coefficients averaged without the trip that is judged
+    general = layout.effects + np.arange(layout.generics)
+    corrections = [correction(r, library, layout) for r in reductions]
+    generic = np.array([_left(c, general, x) for c, x in zip(cases, corrections, strict=True)])
+    if chosen == ("outside_catalogue",):
+        used, coefficients, after = general, corrections, generic
     else:
-        after = errors(columns, sd, reductions) if len(columns) else before
-    best = [fit(whole, columns, sd).value if len(columns) else np.zeros(0)] * len(cases)
-    floor = np.array([_floor(c, c.columns[:, columns] @ b) for c, b in zip(cases, best, strict=True)])
+        used, coefficients = columns, [_fitted(r, columns, sd) for r in reductions]
+        after = np.array([_left(c, used, x) for c, x in zip(cases, coefficients, strict=True)])
+    best = _fitted(whole, columns, sd)
+    floor = np.array([_floor(c, c.columns[:, columns] @ best) for c in cases])
     if coarse:
         floor = np.array([c.repeatability for c in cases])
 
@@ -113,56 +100,27 @@ def shrink(
     for effect, (variant, _) in posterior.fits.items():
         place = places[id(variant)]
         index = np.arange(place.start, place.stop)
-        singles[effect] = mean(errors(index, library.sd[index], reductions))
+        alone = [_left(c, index, _fitted(r, index, library.sd[index])) for c, r in zip(cases, reductions, strict=True)]
+        singles[effect] = mean(np.array(alone))
     rivals = [value for effect, value in singles.items() if effect not in chosen]
-    generic_after = mean(generic) if generic is not None else None
     b, a, f = mean(before), mean(after), mean(floor)
     recovered = _recovered(before, after, floor) if chosen else None
     ci = _interval(before, after, floor) if chosen and held else None
-    fuel = _trip_fuel(
-        trips, cases if CHANNELS.index(channel) == FUEL else None, columns, sd, reductions, layout, calibration
-    )
+    fuel = _trip_fuel(trips, used, coefficients, layout, calibration)
     return Shrinkage(
-        channel, b, a, f, recovered, ci, None, held, min(rivals) if rivals else None, generic_after, *fuel,
+        channel, b, a, f, recovered, ci, None, held, min(rivals) if rivals else None, mean(generic), *fuel,
         tuple(zip(before.tolist(), after.tolist(), floor.tolist(), strict=True)), singles,
     )  # fmt: skip
 
 
-def _left(case: _Case, r: Reduced, index: NDArray, deviations: Array) -> float:
-    """Normalised rms that the columns `index`, fitted to `r`, leave of a trip."""
-    value = fit(r, index, deviations).value if len(index) else np.zeros(0)
+def _fitted(r: Reduced, index: NDArray, deviations: Array) -> Array:
+    """Coefficients of the columns `index`, fitted to `r`."""
+    return fit(r, index, deviations).value if len(index) else np.zeros(0)
+
+
+def _left(case: _Case, index: NDArray, value: Array) -> float:
+    """Normalised rms that the columns `index` with coefficients `value` leave of a trip."""
     return _rms(case, case.residual - case.columns[:, index] @ value)
-
-
-def _lengths(found: Sequence[Regressor]) -> list[int]:
-    """How many of `found`'s terms can stand without the rest: from none to all, families whole."""
-    inside = [bool(a.family) and a.family == b.family for a, b in pairwise(found)]
-    return [0, *(n + 1 for n, together in enumerate(inside) if not together), len(found)] if found else [0]
-
-
-def _kept(
-    cases: Sequence[_Case], grams: Sequence[Array], index: NDArray, deviations: Array, lengths: Sequence[int],
-    layout: Layout, calibration: Calibration,
-) -> list[int]:  # fmt: skip
-    """How many terms of the generic correction to offer to each trip, judged on the other trips in turn, without it.
-
-    All, unless together they leave the others worse than no correction does (terms that fit some trips together may
-    say anything of the next): then those that helped most. Two trips leave one to fit on, and none to judge by: the
-    first term (or family), which one trip can tell. A trip alone: all.
-    """
-    if len(cases) < 3:
-        return [lengths[1] if len(cases) == 2 and len(lengths) > 1 else lengths[-1]] * len(cases)
-    total = np.sum(grams, axis=0)
-    kept = []
-    for i, out in enumerate(grams):
-        squares = np.zeros(len(lengths))
-        for j, other in enumerate(grams):
-            if j != i:
-                r = reduce(total - out - other, layout, calibration)
-                squares += [_left(cases[j], r, index[:k], deviations[:k]) ** 2 for k in lengths]
-        harmful = squares[-1] > squares[0]
-        kept.append(lengths[int(np.argmin(squares))] if harmful else lengths[-1])
-    return kept
 
 
 def leading(posterior: Posterior) -> tuple[str, ...]:
@@ -281,21 +239,21 @@ def _interval(before: Array, after: Array, floor: Array) -> tuple[float, float] 
     return (float(np.percentile(values, 2.5)), float(np.percentile(values, 97.5))) if len(values) > 100 else None
 
 
-def _trip_fuel(trips, cases, columns, sd, reductions, layout, calibration) -> tuple[float | None, float | None]:
-    """Mean absolute error of a trip's fuel, percent, before and after."""
+def _trip_fuel(
+    trips: Sequence[Trip], index: NDArray, coefficients: Sequence[Array], layout: Layout, calibration: Calibration
+) -> tuple[float | None, float | None]:
+    """Mean absolute error of a trip's fuel, percent, before and after the columns `index` with each trip's own
+    `coefficients` (those that the other trips gave)."""
     before, after = [], []
-    for i, trip in enumerate(trips):
+    for trip, value in zip(trips, coefficients, strict=True):
         mask = trip.p.layout.channel == FUEL
         if not mask.any():
             return None, None
         rows = stack(trip, layout)[mask]
         c, n = len(layout.calibration), layout.nuisance
         residual = rows[:, -1] - rows[:, :c] @ calibration.mean
-        count = trip.p.layout.parts["fuel_power"][2]
-        index = trip.p.layout.parts["fuel_power"][0]
-        fuel = float(np.nansum(trip.p.samples.fuel[index]))
-        value = fit(reductions[i], columns, sd).value if len(columns) else np.zeros(0)
+        blocks, _, count = trip.p.layout.parts["fuel_power"]
+        fuel = float(np.nansum(trip.p.samples.fuel[blocks]))
         before.append(float((residual * count).sum()) / fuel)
-        after.append(float(((residual - rows[:, n + columns] @ value) * count).sum()) / fuel)
-    del cases
+        after.append(float(((residual - rows[:, n + index] @ value) * count).sum()) / fuel)
     return 100.0 * float(np.mean(np.abs(before))), 100.0 * float(np.mean(np.abs(after)))

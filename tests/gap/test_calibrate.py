@@ -5,10 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rollingroad.gap.calibration import Reduced
 from rollingroad.gap.challenge.calibrate import Case, floors, log_score
 from rollingroad.gap.challenge.kept import read_evidence, write_evidence
-from rollingroad.gap.evidence import Fit, Hypotheses, Layout, Library, Reduced, Thresholds
+from rollingroad.gap.evidence import Hypotheses, Thresholds
+from rollingroad.gap.fits import Fit
 from rollingroad.gap.signatures import Column, Variant
+from rollingroad.gap.trips import Layout, Library
 from vehicle_model.car.errors import BadInput
 
 VARIANT = Variant("mass", (Column("factor", "", 1.0, 2.0),), {}, lambda c: np.zeros((0, 1)))

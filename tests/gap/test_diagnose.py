@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rollingroad.gap.calibration import tamed
 from rollingroad.gap.challenge import box, cars, routes, truth
 from rollingroad.gap.channels import CHANNELS
 from rollingroad.gap.diagnose import diagnose, weigh
-from rollingroad.gap.evidence import tamed
 from rollingroad.gap.refit import context_of
 from rollingroad.gap.replay import vector_of
 from rollingroad.gap.result import as_json

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
+from rollingroad.gap.calibration import Calibration, Reduced, reduce
 from rollingroad.gap.design import default_noise
-from rollingroad.gap.evidence import SCALES, Calibration, Layout, Reduced, cosine, fit, log_mean_exp, reduce
+from rollingroad.gap.fits import SCALES, cosine, fit, log_mean_exp
+from rollingroad.gap.trips import Layout
 
 
 def _problem(seed: int, n: int = 40):

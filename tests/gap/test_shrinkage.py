@@ -1,50 +1,41 @@
-"""The generic correction of what the catalogue does not hold: what it is worth on a trip that it has not seen."""
+"""How far a trip's fuel comes right: the coefficients that the other trips gave, and no more."""
+
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from rollingroad.gap.design import default_noise
-from rollingroad.gap.evidence import Calibration, Layout
-from rollingroad.gap.generic import Regressor
-from rollingroad.gap.shrinkage import _Case, _kept, _lengths
+from rollingroad.gap.calibration import Calibration
+from rollingroad.gap.channels import CHANNELS
+from rollingroad.gap.design import FUEL, Columns, default_noise
+from rollingroad.gap.shrinkage import _trip_fuel
+from rollingroad.gap.trips import Layout, Trip
 
-LAYOUT = Layout(("map",), np.array([2.0]), ("mass",), np.array([0.5]), 3, 0)
+LAYOUT = Layout(("map",), np.array([2.0]), (), np.zeros(0), 1, 2)
 CALIBRATION = Calibration(np.array([[1e6]]), np.array([0.0]), default_noise(), 1.0, 3)
 
 
-def _trips(second: list[float]) -> tuple[list[_Case], list[np.ndarray]]:
-    """One trip for each of `second`: all have a term of size 1; the second term has that size in each."""
-    rng = np.random.default_rng(3)
-    cases, grams = [], []
-    for size in second:
-        columns = rng.normal(size=(400, 5))
-        y = columns[:, 2] + size * columns[:, 3] + 0.1 * rng.normal(size=400)
-        both = np.column_stack([columns, y])
-        none = np.zeros((400, 1))
-        cases.append(_Case(y, none, columns[:, 2:], np.arange(400), np.ones(400), 1.0, 0.0))
-        grams.append(both.T @ both)
-    return cases, grams
+def _trip(excess: float) -> Trip:
+    """Ten blocks of 4 samples of 1000 W of measured fuel, of which `excess` W are the second regressor's; one block of
+    another channel."""
+    channel = np.append(np.full(10, FUEL), CHANNELS.index("gnss_speed"))
+    parts = {"fuel_power": (np.arange(40), np.repeat(np.arange(10), 4), np.full(10, 4))}
+    p = SimpleNamespace(
+        layout=SimpleNamespace(channel=channel, parts=parts), samples=SimpleNamespace(fuel=np.full(40, 1000.0))
+    )
+    generic = np.stack([np.full(11, 7.0), np.ones(11)], axis=1)
+    none = Columns.of([], 11)
+    return Trip(
+        p, np.append(np.full(10, excess), 0.3), Columns.of([("map", np.ones(11), 2.0)], 11), none, none,  # type: ignore[arg-type]
+        np.zeros((11, 1)), generic,
+    )  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    "second, terms", [([2.0, -2.0, 2.0, -2.0], 1), ([2.0, 2.0, 2.0, 2.0], 2)], ids=["each its own", "all alike"]
-)
-def test_a_term_that_says_nothing_of_other_trips_is_not_offered(second: list[float], terms: int) -> None:
-    """Given a second term of another sign in every trip, then the correction is the first alone; alike in all: both."""
-    cases, grams = _trips(second)
-    kept = _kept(cases, grams, np.array([0, 1]), np.array([3.0, 3.0]), [0, 1, 2], LAYOUT, CALIBRATION)
-    assert kept == [terms] * len(second)
-
-
-def test_one_trip_to_fit_on_tells_one_term() -> None:
-    """Given two trips, of which one is left to fit on and none to judge by, then the first term alone is offered."""
-    cases, grams = _trips([2.0, -2.0])
-    kept = _kept(cases, grams, np.array([0, 1]), np.array([3.0, 3.0]), [0, 1, 2], LAYOUT, CALIBRATION)
-    assert kept == [1, 1]
-
-
-def test_a_family_of_terms_stands_or_falls_together() -> None:
-    """Given a phase's cosine and sine between two lone terms, then no correction has one of them without the other."""
-    families = ("", "cycle", "cycle", "")
-    found = [Regressor(str(i), "", "W", 1.0, "accessory", family) for i, family in enumerate(families)]
-    assert _lengths(found) == [0, 1, 3, 4]
+@pytest.mark.parametrize("second, after", [(30.0, 0.0), (20.0, 1.0), (60.0, 3.0)])
+def test_the_fuel_error_after_is_what_the_coefficients_leave(second: float, after: float) -> None:
+    """Given trips that burn 3 % more, then a term of so many W leaves the rest of it; a term of no size leaves all."""
+    trips = [_trip(30.0), _trip(30.0)]
+    index = LAYOUT.effects + np.arange(2)
+    found = _trip_fuel(trips, index, [np.array([0.0, second])] * 2, LAYOUT, CALIBRATION)
+    assert found == pytest.approx((3.0, after))
+    assert _trip_fuel(trips, index, [np.zeros(2)] * 2, LAYOUT, CALIBRATION) == pytest.approx((3.0, 3.0))

@@ -20,10 +20,12 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize, minimize_scalar
 
+from rollingroad.gap.calibration import Reduced
 from rollingroad.gap.challenge.effects import same_class
 from rollingroad.gap.challenge.kept import read_evidence
 from rollingroad.gap.challenge.score import opened_key
-from rollingroad.gap.evidence import Hypotheses, Layout, Library, Posterior, Reduced, Thresholds, hypotheses, weighed
+from rollingroad.gap.evidence import Hypotheses, Posterior, Thresholds, hypotheses, weighed
+from rollingroad.gap.trips import Layout, Library
 from vehicle_model.car.files import read_car
 
 WEIGHTS: Mapping[str, float] = {"gap_free": 0.45, "known": 0.35, "hidden": 0.15, "pair": 0.05}

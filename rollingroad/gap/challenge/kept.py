@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from rollingroad.gap.evidence import Layout, Reduced
+from rollingroad.gap.calibration import Reduced
+from rollingroad.gap.trips import Layout
 from vehicle_model.car.errors import BadInput
 
 EVIDENCE = "evidence.npz"

@@ -1,0 +1,115 @@
+"""Something that the catalogue does not hold: physical regressors, sought among the library of `generic`.
+
+`outside`: those that no named effect could stand for, and their evidence. `correction`: what all of them together
+predict, averaged over the models of one to three terms; no name is needed for that.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rollingroad.gap.calibration import Reduced
+from rollingroad.gap.fits import Fit, fit
+from rollingroad.gap.trips import Layout, Library
+
+Array = NDArray[np.float64]
+MORE = 2
+"""Regressors, or families of them, that may join the first."""
+BETTER = 2.0
+"""Log units that one must add."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """Regressors `terms` (numbers in the library) together: their fit, and the log of their share among all models."""
+
+    terms: tuple[int, ...]
+    fit: Fit
+    log_prior: float
+
+
+def seen(r: Reduced, library: Library, layout: Layout) -> list[int]:
+    """Regressors that the data can tell anything of."""
+    sd = np.array([g.sd for g in library.regressors])
+    size = np.diag(r.information)[layout.effects :] * sd**2
+    return [int(i) for i in np.flatnonzero(size > 1.0)]
+
+
+def models(r: Reduced, library: Library, layout: Layout, candidates: Sequence[int]) -> tuple[list[Model], Model | None]:
+    """Every one of `candidates` (and family of them) alone, then with the best of the models before; the best of all.
+
+    A model of two is one among as many firsts times as many seconds, and its share is as small.
+    """
+    sd = np.array([g.sd for g in library.regressors])
+
+    def fitted(terms: tuple[int, ...], log_prior: float) -> Model:
+        return Model(terms, fit(r, [layout.effects + i for i in terms], sd[list(terms)]), log_prior)
+
+    families: dict[str, list[int]] = {}
+    for i in candidates:
+        if library.regressors[i].family:
+            families.setdefault(library.regressors[i].family, []).append(i)
+    terms = [(i,) for i in candidates] + [tuple(members) for members in families.values() if len(members) > 1]
+    if not terms:
+        return [], None
+    alone = [fitted(one, -float(np.log(len(terms)))) for one in terms]
+    found, chosen = list(alone), max(alone, key=lambda model: model.fit.log_bayes)
+    for joined in range(1, MORE + 1):
+        extra = [one for one in terms if not set(one) & set(chosen.terms)]
+        if not extra:
+            break
+        log_prior = -joined * float(np.log(len(terms))) - float(np.log(len(extra)))
+        more = [fitted((*chosen.terms, *one), log_prior) for one in extra]
+        found += more
+        best = max(more, key=lambda model: model.fit.log_bayes)
+        if best.fit.log_bayes < chosen.fit.log_bayes + BETTER:
+            break
+        chosen = best
+    return found, chosen
+
+
+def outside(
+    r: Reduced, library: Library, layout: Layout, named: Sequence[NDArray], alike: float
+) -> tuple[Model | None, float]:
+    """Best regressors and the evidence of "something else"; `named` are the columns of each effect that may be named.
+
+    A regressor whose correlation with one of those reaches `alike` is that effect, and nothing else.
+    """
+    candidates = np.array(seen(r, library, layout), int)
+    if not len(candidates):
+        return None, NOTHING
+    columns = layout.effects + candidates
+    known = np.zeros(len(candidates))
+    for index in named:
+        a = r.information[np.ix_(index, index)]
+        c = r.information[np.ix_(index, columns)]
+        inner = np.linalg.solve(a + 1e-9 * np.diag(np.diag(a)) + 1e-300 * np.eye(len(a)), c)
+        known = np.maximum(known, np.sum(c * inner, axis=0) / np.diag(r.information)[columns])
+    new = [int(i) for i, square in zip(candidates, known, strict=True) if np.sqrt(max(square, 0.0)) < alike]
+    found, chosen = models(r, library, layout, new)
+    if chosen is None:
+        return None, NOTHING
+    return chosen, float(np.logaddexp.reduce([m.fit.log_bayes + m.log_prior for m in found]))
+
+
+NOTHING = -30.0
+"""Log evidence of "something else" where no regressor could carry it."""
+
+
+def correction(r: Reduced, library: Library, layout: Layout) -> Array:
+    """(generics,): coefficients of every regressor, averaged over the models by their evidence in `r`.
+
+    Terms that are sought and fitted by least squares say anything of a trip that they have not seen; what several
+    models share is kept, what only one of many says is small.
+    """
+    out = np.zeros(layout.generics)
+    found, _ = models(r, library, layout, seen(r, library, layout))
+    if not found:
+        return out
+    log = np.array([m.fit.log_bayes + m.log_prior for m in found])
+    share = np.exp(log - log.max())
+    for model, weight in zip(found, share / share.sum(), strict=True):
+        out[list(model.terms)] += weight * model.fit.value
+    return out
