@@ -57,8 +57,9 @@ X, V, HEADING, PITCH_ANGLE, NORTH, EAST, DOWN, ENERGY, POWER, ANGLE, OMEGA = np.
     PULSE_POWER,
     SILENT_WHEELS,
     CUT_OFF,
-) = np.arange(24)
-KIND_CODES = 24
+    OPEN_CLUTCH,
+) = np.arange(25)
+KIND_CODES = 25
 
 # why a measurement was not simply fused
 FUSED, GATED, NOT_FINITE, REOPENED, STUCK, ANCHORED, POOR = np.arange(7)
@@ -72,7 +73,7 @@ FUSED, GATED, NOT_FINITE, REOPENED, STUCK, ANCHORED, POOR = np.arange(7)
     M_TICK_ANCHORED,
     M_TICK_BAD,
     M_SILENT,
-    M_SILENT_ROW,
+    M_STANDSTILL,
     M_PULSE_TIME,
     M_PULSE_ENERGY,
     M_PULSE_SATURATED,
@@ -115,12 +116,22 @@ FUSED, GATED, NOT_FINITE, REOPENED, STUCK, ANCHORED, POOR = np.arange(7)
     M_LATE,
     M_LATE_LEAST,
     M_RATTLE,
-) = range(50)
+    _M_RATTLE_Y,
+    _M_RATTLE_Z,
+    M_DRIVEN_RATIO,
+    M_DRIVEN_ENERGY,
+    M_LOW_TIME,
+    M_OPEN_SUM,
+    M_OPEN_COUNT,
+    M_OPEN_NOISE,
+) = range(58)
 """M_TOLD_SPEED: the speed as the receiver's own filter sees it. M_SURPRISE: how far off the forward acceleration was
 last, where that was a surprise, m/s2. M_LATE: fixes in a row that were far later than the earliest ever. M_RATTLE and
 the two that follow: by how much the variance of the accelerometer's noise, x, y, z, exceeds the believed one, as a
-share of it."""
-M_SINCE = 52
+share of it. M_DRIVEN_RATIO, M_DRIVEN_ENERGY: engine speed over car's (rad/m) and energy (J) of the last injector pulse
+that was not less than half of the one before; M_LOW_TIME: of the first that was. M_OPEN_SUM, _COUNT, _NOISE: forward
+readings (m/s2) of a clutch that may be open, how many, and the variance of one."""
+M_SINCE = 58
 """Since when each kind is being rejected (NaN: it is not)."""
 MEMORY = M_SINCE + KIND_CODES
 
@@ -138,7 +149,9 @@ MEMORY = M_SINCE + KIND_CODES
     P_ROTATION,
 ) = range(10)
 P_SQUAT = P_ROTATION + 9
-PARAMETERS = P_SQUAT + 1
+P_OPEN, P_OPEN_SPEED = P_SQUAT + 1, P_SQUAT + 2
+"""N and N per m/s: what the gears drag with the clutch open."""
+PARAMETERS = P_OPEN_SPEED + 1
 
 # places in the array of settings: the order of observer.settings.ObserverSettings
 (
@@ -202,7 +215,8 @@ PARAMETERS = P_SQUAT + 1
     S_MAP_HEADING,
     S_MAP_STRAIGHT,
     S_STANDSTILL,
-) = range(60)
+    S_OPEN_CLUTCH,
+) = range(61)
 
 # places in Filter.counts
 RECORDS, GRID_LINES, TAPE_LINES, RECORDING, TAPING, TAPE_GRID = range(6)
@@ -229,6 +243,15 @@ SURPRISE_LIVE = 16.0
 """The same for the live filter, which has no second look."""
 BRAKING = -400.0
 """N: less thrust than that is brakes, which may be released at once."""
+SHIFTING, OPENING, FALLEN = 0.6, 0.08, 0.94
+"""s from the first low pulse for which a shift may last, and until the clutch is open; share of the ratio of engine
+speed to car's below which no gear that was in holds it."""
+ROLLING = 2.5
+"""m/s: slower, and the clutch slips by itself."""
+STANDSTILL_AGAIN = 0.5
+"""s after which it is told again that the car stands: sooner it would be the same word twice."""
+BRAKED = 12.0
+"""NIS of what is read between two gears beyond which a brake may have been on."""
 RATTLE_MEMORY = 0.005
 """Share of one reading in the running estimate of the accelerometer's noise."""
 RATTLE_USUAL = 0.5
@@ -436,6 +459,13 @@ def sparse_row(kind, x, p, aux, hi, hv, g):
         hv[0], hv[1], hv[3], hv[4] = lifted * g[0], lifted * g[1], lifted * g[3], 1.0
         hv[2] = lifted * g[2] + share * math.cos(x[4])
         return lifted * a + share * math.sin(x[4]) + x[14], 5
+    if kind == OPEN_CLUTCH:
+        a = acceleration(x, p, g) - (x[2] + p[P_OPEN] + p[P_OPEN_SPEED] * v) / p[P_ACCELERATED]
+        lifted = 1.0 + p[P_SQUAT]
+        hi[0], hi[1], hi[2], hi[3] = 1, 4, 9, 14
+        hv[0], hv[2], hv[3] = lifted * (g[0] - p[P_OPEN_SPEED] / p[P_ACCELERATED]), lifted * g[3], 1.0
+        hv[1] = lifted * g[2] + p[P_GRAVITY] * math.cos(x[4])
+        return lifted * a + p[P_GRAVITY] * math.sin(x[4]) + x[14], 4
     if kind == ACCELERATION_Y:
         hi[0], hi[1], hi[2] = 1, 8, 15
         hv[0], hv[1], hv[2] = -2.0 * x[8] * v, -v * v, 1.0
@@ -567,12 +597,12 @@ def fuse(kind, z, r, aux, f):
             ph[2] += hv[1] * more
             S += hv[1] * hv[1] * more
             nis = 1.0
-        if nis > s[S_GATE]:
+        if nis > (BRAKED if kind == OPEN_CLUTCH else s[S_GATE]):
             since = mem[M_SINCE + kind]
             if math.isnan(since):
                 mem[M_SINCE + kind] = mem[M_TIME]
                 reason = GATED
-            elif mem[M_TIME] - since < s[S_REOPEN] or kind == SILENT_WHEELS:
+            elif mem[M_TIME] - since < s[S_REOPEN] or kind in (SILENT_WHEELS, OPEN_CLUTCH):
                 reason = GATED
             else:
                 reason = REOPENED
@@ -816,6 +846,10 @@ def on_accelerometer(event, f):
         if excess > RATTLE_USUAL:
             believed *= 1.0 + excess - RATTLE_USUAL
         fuse(ACCELERATION_X + axis, value, believed, 0.0, f)
+        if axis == 0 and mem[M_LOW_TIME] > 0.0 and mem[M_TIME] > mem[M_LOW_TIME] + OPENING:
+            mem[M_OPEN_SUM] += value
+            mem[M_OPEN_COUNT] += 1.0
+            mem[M_OPEN_NOISE] = believed
 
 
 @inner
@@ -950,11 +984,38 @@ def on_injector(event, t, f):
         P[11, 11] += max((x[11] - slope * x[13]) ** 2 - expected, 0.0)
         fuse(PULSE_POWER, 0.0, r_power, slope, f)
         mem[M_PULSE_POWER] = told
+    shift(energy, t, f)
     mem[M_PULSE_TIME] = t
     mem[M_PULSE_GAP] = min(gap, s[S_CUT_GAP])
     mem[M_PULSE_ENERGY] = energy
     mem[M_PULSE_SATURATED] = 1.0 if saturated else 0.0
     mem[M_CUT] = 0.0
+
+
+@inner
+def shift(energy, t, f):
+    """Between two gears the engine drives nothing: what the accelerometer then reads tells its bias.
+
+    Seen by a pulse (`energy`, J) at `t` that is less than half of those of a moment before while the engine's speed
+    falls and the car's does not: an engine in gear cannot do that, and a foot is not on the brake yet. The readings
+    since the clutch was open are fused as one, as those of a car with a known thrust: neither the thrust's estimate nor
+    the odometer, whose tyres recover from the thrust just then, have a part in it.
+    """
+    x, P, mem, s = f.x, f.P, f.memory, f.settings
+    ratio = x[13] / max(x[1], ROLLING)
+    low = energy < 0.5 * mem[M_DRIVEN_ENERGY]
+    if not low or (mem[M_LOW_TIME] > 0.0 and t - mem[M_LOW_TIME] > SHIFTING):
+        mem[M_DRIVEN_RATIO], mem[M_DRIVEN_ENERGY], mem[M_LOW_TIME] = ratio, energy, 0.0
+    elif mem[M_LOW_TIME] == 0.0:
+        mem[M_LOW_TIME] = t
+    elif mem[M_OPEN_COUNT] > 0.0 and x[1] > ROLLING and ratio < FALLEN * mem[M_DRIVEN_RATIO]:
+        if P[13, 13] < (0.05 * x[13]) ** 2:
+            count = mem[M_OPEN_COUNT]
+            r = mem[M_OPEN_NOISE] / count + s[S_OPEN_CLUTCH] ** 2
+            fuse(OPEN_CLUTCH, mem[M_OPEN_SUM] / count, r, 0.0, f)
+        mem[M_OPEN_SUM], mem[M_OPEN_COUNT] = 0.0, 0.0
+    if mem[M_LOW_TIME] == 0.0:
+        mem[M_OPEN_SUM], mem[M_OPEN_COUNT] = 0.0, 0.0
 
 
 @inner
@@ -1135,7 +1196,9 @@ def on_grid(t, f):
             mem[M_TICK_ANCHORED] = 0.0
             v = s[S_SILENT_SPEED]
             if quiet > 2.0:
-                fuse(SILENT_WHEELS, 0.0, s[S_STANDSTILL] * s[S_STANDSTILL], 0.0, f)
+                if not t - mem[M_STANDSTILL] < STANDSTILL_AGAIN - 0.01:
+                    mem[M_STANDSTILL] = t
+                    fuse(SILENT_WHEELS, 0.0, s[S_STANDSTILL] * s[S_STANDSTILL], 0.0, f)
             elif x[1] > 0.5 * v:
                 # anywhere below the speed that is heard
                 fuse(SILENT_WHEELS, 0.5 * v, v * v / 12.0, 0.0, f)

@@ -36,7 +36,7 @@ GPS_NORTH, GPS_EAST, GPS_ALTITUDE, GPS_SPEED, GPS_COURSE = 4, 5, 6, 7, 8
 MAP_HEADING, MAP_ALTITUDE, MAP_STRAIGHTNESS, PITCH = 9, 10, 11, 12
 INJECTED_ENERGY, ENGINE_ANGLE, FUEL_POWER, SPEED = 13, 14, 15, 16
 YAW_RATE, PITCH_RATE, COMPASS, ACCELERATION_X_THESIS, PULSE_POWER = 17, 18, 19, 20, 21
-SILENT_WHEELS, CUT_OFF = 22, 23
+SILENT_WHEELS, CUT_OFF, OPEN_CLUTCH = 22, 23, 24
 KINDS = (
     "distance",
     "acceleration_x",
@@ -62,6 +62,7 @@ KINDS = (
     "pulse_power",
     "silent_wheels",
     "cut_off",
+    "open_clutch",
 )
 """Names of the scalar measurements, by code.
 
@@ -71,6 +72,8 @@ INJ_duration (J);
 `engine_angle` INJ_time (rad); `pulse_power` the power that one injector pulse stands for (W), through its energy per
 radian: P_in - (energy / angle) omega_e = 0; `fuel_power` (W) and `speed` (m/s) from logs that carry them;
 `silent_wheels` a speed (m/s) and `cut_off` a fuel power (W), told by pulses that do not come;
+`open_clutch` the forward specific force (m/s2) while the engine drives nothing, told by an engine that falls behind its
+gear;
 `yaw_rate` and `pitch_rate` about z (up) and y (left) in rad/s; `compass` (rad); `acceleration_x_thesis` equation 1.18.
 """
 HEADINGS = (GPS_COURSE, MAP_HEADING, COMPASS)
@@ -86,6 +89,12 @@ def acceleration(x: Any, car: Car, m: ModuleType = math) -> Any:
     drag = 0.5 * car.air_density * car.drag_area * v * v
     rolling = car.mass * car.rolling_resistance * (car.gravity * m.cos(theta) + x[SK] * v * v)
     return (x[F] - sign * (drag + rolling) - car.mass * car.gravity * m.sin(theta)) / car.accelerated_mass
+
+
+def open_thrust(v: Any, car: Car) -> Any:
+    """Thrust (N) at the speed `v` (m/s) with the clutch open: the drag of the gears (`vehicle_model.car.nominal`)."""
+    dragged = 0.5 * car.driveline.drag_torque / car.wheel_radius
+    return -dragged * (1.0 + v / (60.0 * car.wheel_radius))
 
 
 def dynamics(x: Any, car: Car, m: ModuleType = math) -> list[Any]:
@@ -152,6 +161,9 @@ def measurement(kind: int, x: Any, car: Car, aux: float = 0.0, m: ModuleType = m
         return x[X]
     if kind == ACCELERATION_X:
         return (1.0 + squat) * acceleration(x, car, m) + car.gravity * m.sin(theta) + x[BX]
+    if kind == OPEN_CLUTCH:
+        a = acceleration(x, car, m) + (open_thrust(v, car) - x[F]) / car.accelerated_mass
+        return (1.0 + squat) * a + car.gravity * m.sin(theta) + x[BX]
     if kind == ACCELERATION_X_THESIS:
         return acceleration(x, car, m) + car.mass / car.accelerated_mass * car.gravity * m.sin(theta) + x[BX]
     if kind == ACCELERATION_Y:
@@ -201,6 +213,12 @@ def measurement_jacobian(
         h += (1.0 + squat if kind == ACCELERATION_X else 1.0) * acceleration_gradient(x, car)
         share = 1.0 if kind == ACCELERATION_X else car.mass / car.accelerated_mass
         h[THETA] += share * car.gravity * math.cos(theta)
+        h[BX] = 1.0
+    elif kind == OPEN_CLUTCH:
+        h += (1.0 + squat) * acceleration_gradient(x, car)
+        h[F] = 0.0
+        h[V] += (1.0 + squat) * (open_thrust(1.0, car) - open_thrust(0.0, car)) / car.accelerated_mass
+        h[THETA] += car.gravity * math.cos(theta)
         h[BX] = 1.0
     elif kind == ACCELERATION_Y:
         h[V], h[SJ], h[BY] = -2.0 * x[SJ] * v, -v * v, 1.0

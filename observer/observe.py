@@ -12,7 +12,7 @@ from scipy.ndimage import median_filter
 from observer import kernel
 from observer.estimate import Estimate
 from observer.events import fuel_steps, prepare, with_grid
-from observer.model import KINDS, OMEGA
+from observer.model import KINDS, OMEGA, open_thrust
 from observer.settings import DEFAULT, ObserverSettings
 from sensors.log import SensorLog
 from sensors.matching import observations
@@ -52,6 +52,7 @@ _UNKNOWN = (
     kernel.M_FIX_EAST,
     kernel.M_ACC_X,
     kernel.M_FIX_LATITUDE,
+    kernel.M_STANDSTILL,
 )
 """Places of the memory that start as unknown."""
 SEGMENT = 8192
@@ -60,7 +61,7 @@ SPIKE = 1.5
 """m/s2: ten usual deviations of a difference at low speed, five at 130 km/h."""
 SPIKE_DEVIATIONS, SPIKE_WINDOW = 5.0, 201
 """Where the accelerometer is noisier than that: in deviations of a reading, as the median over so many shows it."""
-_ROWS_PER_EVENT = np.array([3, 2, 4, 6, 0, 2, 1, 1, 1, 3, 1, 1])
+_ROWS_PER_EVENT = np.array([3, 2, 5, 6, 0, 2, 1, 1, 1, 3, 1, 1])
 """Most scalar measurements that an event of each code can give."""
 _LINES_PER_EVENT = 16
 """Most lines of tape that an event can give."""
@@ -103,7 +104,8 @@ def constants(car: Car, squat: float = 0.0) -> NDArray[np.float64]:
         car.injector.lag,
         pulse_angle(car),
     ]
-    return np.concatenate([head, rotation(car.mounting).ravel(), [squat]])
+    still = -open_thrust(0.0, car)
+    return np.concatenate([head, rotation(car.mounting).ravel(), [squat, still, -open_thrust(1.0, car) - still]])
 
 
 def trip_change(settings: ObserverSettings) -> dict[str, float]:

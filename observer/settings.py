@@ -118,7 +118,7 @@ class ObserverSettings:
     skew_limit: float = 300e-6
     """Largest relative rate of the logger's clock that is believed."""
     # the smoother knows when the fuel changed
-    thrust_gain_hindsight: float = 0.18
+    thrust_gain_hindsight: float = 0.12
     thrust_noise_hindsight: float = 1e3
     """N2/s."""
     power_noise_hindsight: float = 1e6
@@ -140,6 +140,8 @@ class ObserverSettings:
     """and of a straightness, that is seen in fact."""
     standstill_deviation: float = 0.08
     """m/s about 0 of a car whose wheels have been silent for 2 s."""
+    open_clutch: float = 0.03
+    """m/s2, of what the accelerometer reads between two gears, beside its noise: the body swings."""
     body_squat: float = 0.0174533
     """rad of nose-up per g of acceleration (1 degree): what a body on springs does to a sensor fixed to it."""
     scale_trip_deviation: float = 5e-4

@@ -154,10 +154,11 @@ def test_kernel_and_settings_agree_on_the_order():
         "S_MAP_HEADING": "map_heading_scale",
         "S_MAP_STRAIGHT": "map_straightness_scale",
         "S_STANDSTILL": "standstill_deviation",
+        "S_OPEN_CLUTCH": "open_clutch",
     }
     for constant, name in pairs.items():
         assert numbered[getattr(kernel, constant)] == names.index(name), constant
-    assert names[kernel.S_STANDSTILL + 1 :] == ["body_squat", "scale_trip_deviation", "bias_trip_deviation"], (
+    assert names[kernel.S_OPEN_CLUTCH + 1 :] == ["body_squat", "scale_trip_deviation", "bias_trip_deviation"], (
         "which only the start of a trip reads"
     )
     assert tuple(np.arange(kernel.KIND_CODES)) == tuple(range(len(model.KINDS)))
