@@ -250,8 +250,9 @@ ROLLING = 2.5
 """m/s: slower, and the clutch slips by itself."""
 STANDSTILL_AGAIN = 0.5
 """s after which it is told again that the car stands: sooner it would be the same word twice."""
-BRAKED = 12.0
-"""NIS of what is read between two gears beyond which a brake may have been on."""
+BRAKED, DRIVEN = 4.0, 12.0
+"""NIS of what is read between two gears beyond which a brake may have been on (too low a reading) or the clutch was not
+open yet (too high)."""
 RATTLE_MEMORY = 0.005
 """Share of one reading in the running estimate of the accelerometer's noise."""
 RATTLE_USUAL = 0.5
@@ -597,7 +598,10 @@ def fuse(kind, z, r, aux, f):
             ph[2] += hv[1] * more
             S += hv[1] * hv[1] * more
             nis = 1.0
-        if nis > (BRAKED if kind == OPEN_CLUTCH else s[S_GATE]):
+        gate = s[S_GATE]
+        if kind == OPEN_CLUTCH:
+            gate = BRAKED if nu < 0.0 else DRIVEN
+        if nis > gate:
             since = mem[M_SINCE + kind]
             if math.isnan(since):
                 mem[M_SINCE + kind] = mem[M_TIME]

@@ -75,9 +75,10 @@ def test_a_foot_that_lifts_in_gear_is_no_shift(fall):
     assert len(told(shifted(fall=fall))) == 0
 
 
-def test_a_brake_between_gears_is_not_taken_for_a_bias():
-    """Given 3 m/s2 of braking with the clutch open, then the bias is not what gives."""
-    f = shifted(fall=0.25, brake=3.0)
+@pytest.mark.parametrize("brake", [0.8, 3.0])
+def test_a_brake_between_gears_is_not_taken_for_a_bias(brake):
+    """Given `brake` m/s2 of braking with the clutch open, then the bias is not what gives."""
+    f = shifted(fall=0.25, brake=brake)
     assert np.all(told(f)[:, 6] == kernel.GATED)
     assert abs(f.x[kernel.BIAS_X]) < 3.0 * np.sqrt(f.P[kernel.BIAS_X, kernel.BIAS_X])
 
