@@ -61,6 +61,10 @@ class Context:
     """Whether the car carries out accelerations itself once he presses the pedal to the floor."""
     begin: float = 50.0
     """m: silent before, so that two drives can be shown to be the same until advice is given."""
+    delay: float = 0.8
+    """s that the advisor presumes a person takes to act upon advice; 0 for one who follows at once."""
+    tells_gears: bool = True
+    """Whether gears are told; not to a driver who shifts well by himself (`sim.shift_habit`)."""
 
 
 @dataclass(frozen=True)

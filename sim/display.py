@@ -83,7 +83,10 @@ class Display:
         if self._dark or not self._gear:
             self._other_gear = 0.0
             return wanted.gear
-        if wanted.gear == self._gear or self._arrow < 0:  # slowing down, he shifts as the engine asks
+        if self._arrow < 0:  # slowing down, he shifts up for less drag at once, down as the engine asks
+            self._other_gear = 0.0
+            return max(self._gear, wanted.gear)
+        if wanted.gear == self._gear:
             self._other_gear = 0.0
             return self._gear
         self._other_gear += self.period

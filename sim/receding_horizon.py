@@ -25,8 +25,11 @@ from vehicle_model.car.errors import BadInput
 
 PERIOD = 1.0
 """s between two plans."""
-STEP = 20.0
-"""m between the places of the plan in hand."""
+STEP, STAGES = 5.0, 50
+"""m between the places of the plan in hand at least, and stages at most: finer where it is slow, since a step that is
+long for the speed spreads the slowness of a corner and a launch over all of it."""
+MOMENT = 0.5
+"""s over which the box's speed is differenced: what the car does now, which it goes on doing until he acts."""
 FORESIGHT = 20.0
 """s of driving that the horizon holds."""
 HORIZON = (250.0, 600.0)
@@ -80,9 +83,11 @@ class RecedingHorizon:
         self._arrival = NEVER
         self._rolling = False
         self._leader: tuple[float, float] = (-math.inf, math.nan)
+        self._trend, self._before = 0.0, (-math.inf, 0.0)
 
     def advise(self, view: View) -> Suggestion | None:
         """The action of the plan in force; silent before `Context.begin`."""
+        self._feel(view)
         if view.distance < self.context.begin:
             return None
         if view.time >= self._due - 1e-9:
@@ -91,18 +96,36 @@ class RecedingHorizon:
         if self._silent:
             return None
         plan = self._plan
-        acceleration, gear, costate = plan.action(view.distance, view.speed)
+        # What is said now is done a moment later: it is said for where, and how fast, he will be by then.
+        place, speed = self._when_done(view)
+        acceleration, gear, costate = plan.action(place, speed)
+        gear = gear if self.context.tells_gears else 0
         acceleration = min(acceleration, (self._pace - view.speed) / CATCH_UP)
         # Where the grid or a leader's change of speed asks for more than was planned, the driver's own eyes do.
         acceleration = max(acceleration, -COMFORT.braking)
         held = self._held(view)
         if held is not None and held[0] < acceleration:
             acceleration, rolls = held
-            return Suggestion(acceleration, gear if rolls else self._steady_gear(view), costate, coast=rolls)
-        k = int(np.clip(np.searchsorted(plan.s, view.distance, side="right") - 1, 0, len(plan.s) - 1))
-        near = abs(plan.speed[k] - view.speed) < 1.0
+            gear = gear if rolls or not self.context.tells_gears else self._steady_gear(view)
+            return Suggestion(acceleration, gear, costate, coast=rolls)
+        k = int(np.clip(np.searchsorted(plan.s, place, side="right") - 1, 0, len(plan.s) - 1))
+        near = abs(plan.speed[k] - speed) < 1.0
         rolls = near and bool(plan.coasting[k]) and plan.brake_force[k] < ROLLING and acceleration < 0.0
         return Suggestion(acceleration, gear, costate, coast=rolls)
+
+    def _feel(self, view: View) -> None:
+        """Follow the car's acceleration (m/s2) by the box's speed."""
+        before, speed = self._before
+        passed = view.time - before
+        if 0.0 < passed < MOMENT:
+            self._trend += min(passed / MOMENT, 1.0) * ((view.speed - speed) / passed - self._trend)
+        self._before = view.time, view.speed
+
+    def _when_done(self, view: View) -> tuple[float, float]:
+        """Place (m) and speed (m/s) at which he will act upon what is said now."""
+        delay = self.context.delay
+        speed = max(view.speed + self._trend * delay, 0.0)
+        return view.distance + 0.5 * (view.speed + speed) * delay, speed
 
     def _replanned(self, view: View) -> Advice:
         """The plan from here, or the whole road's where there is nothing left to plan or no way to do it."""
@@ -147,12 +170,13 @@ class RecedingHorizon:
     ) -> Advice:
         c = self.context
         top = math.sqrt(self._table.energy_step * (self._table.nodes - 1) * 2.0)
+        step = max((road.s[-1] - road.s[0]) / STAGES, STEP)
         if end_speed is not None:
             end_speed = min(end_speed, max(float(road.speed_max[-1]), 1.0))
         return plan_route(
             road, c.fuel_map, c.car, start_speed=min(view.speed, top), end_speed=end_speed, time_value=price,
-            start_gear=view.gear or None, end_price=credit, step=STEP, table=self._table,
-            policy_step=max(1.5 * PERIOD * view.speed, STEP), certify=False,
+            start_gear=view.gear or None, end_price=credit, step=step, table=self._table,
+            policy_step=step, certify=False,
         )  # fmt: skip
 
     def _held(self, view: View) -> tuple[float, bool] | None:

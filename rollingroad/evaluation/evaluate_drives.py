@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from controller.advice import Advice
-from controller.drive_table import fuel_power
+from controller.drive_table import drive_table, fuel_power
 from controller.route import Comfort
 from observer.efficiency_map import FuelMap
 from observer.observe import observe
@@ -38,8 +38,10 @@ from rollingroad.task import Task
 from scenarios.files import parse
 from sim.advisor import Advisor, Context
 from sim.drive import Drive, drive
+from sim.full_load import enriched
 from sim.network import build
 from sim.road_ahead import road_ahead
+from sim.shift_habit import WORTH, wasted_by_gears
 from sim.true_efficiency import true_efficiency
 from sim.truth import true_fuel_map
 from vehicle_model.car.files import read_car
@@ -81,6 +83,8 @@ def advised_drive(task: Arguments, advisor_name: str, knowledge: str, price: flo
     known = at_price(before.knowledge, price)
     if knowledge == "true":
         known = replace(known, fuel_map=before.true_map)
+    if perfect:  # one who does at once what he is told is told everything
+        known = replace(known, delay=0.0, tells_gears=True)
     driven = _drive(before.task, advisor(advisor_name, known), perfect)
     assert_same_until_advice(before.baseline, driven)
     return account(driven, before.task.car)
@@ -151,16 +155,19 @@ def _known(key: str) -> _Before:
     baseline = _drive(task, None, False)
     cost = account(baseline, task.car)
     sensed = sense(task, baseline)
-    learnt = map_found([observe(sensed.log, task.car, sensed.road_map)], task.car)
+    estimate = observe(sensed.log, task.car, sensed.road_map)
+    learnt = map_found([estimate], task.car)
+    table = drive_table(learnt.fuel_map, task.car, speed_top=float(estimate.column("speed").max()) + 1.0)
     road = road_ahead(baseline.route, sensed.road_map)
     speeds = baseline.trip.channels["speed"]
     known = Context(
         road=road,
-        fuel_map=learnt.fuel_map,
+        fuel_map=enriched(learnt.fuel_map),
         car=task.car,
         start_speed=float(speeds[0]),
         end_speed=float(speeds[-1]),
         begin=ADVICE_BEGINS,
+        tells_gears=wasted_by_gears(estimate, table) > WORTH,
     )
     price, _ = first_prices(road, learnt.fuel_map, task.car, baseline.trip)
     return _Before(
@@ -169,7 +176,7 @@ def _known(key: str) -> _Before:
         baseline=replace(baseline, trip=None),  # type: ignore[arg-type]
         knowledge=known,
         true_map=true_fuel_map(task.car, task.plant_settings),
-        map_of_the_truth=map_of_the_truth(learnt, [baseline.trip], task).fuel_map,
+        map_of_the_truth=enriched(map_of_the_truth(learnt, [baseline.trip], task).fuel_map),
         first_price=price,
     )
 
