@@ -79,6 +79,8 @@ class Suggestion:
     """J per m/s: worth of speed, for the display."""
     coast: bool = False
     """Foot off: let it roll in gear."""
+    free: bool = False
+    """His pace is his own: only the gear is told."""
     automatic: bool = False
     """The pedal-to-the-floor mode of 5.1.3: he has only to press, and the car does it, at once and exactly."""
 

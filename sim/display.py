@@ -50,7 +50,7 @@ class Display:
             self._arrow, self._gear, self._dark = 1, wanted.gear, False
             self._arrow_age = self._gear_age = math.inf
             return wanted
-        arrow = self._next_arrow(wanted)
+        arrow = 0 if wanted.free else self._next_arrow(wanted)
         # A new arrow is looked at anyway: the gear may come with it.
         gear = wanted.gear if arrow != self._arrow else self._next_gear(wanted)
         changed = (arrow, gear) != (self._arrow, self._gear)

@@ -309,10 +309,10 @@ def _run(
                 if not traffic.released:
                     traffic.release(ADVISED_ACCELERATION)
                 coast = suggestion.coast
-                if speed <= cap[index]:
+                if speed <= cap[index] and not suggestion.free:
                     missed = obedience.miss(suggestion.acceleration)
                     wanted = suggestion.acceleration if suggestion.automatic else missed
-                followed = wanted < wish
+                followed = wanted < wish and not suggestion.free
                 # The gear belongs to the acceleration: where traffic allows clearly less, he picks his own.
                 advised_gear = suggestion.gear if wish > wanted - HELD_UP else 0
                 tally.advised += followed

@@ -42,6 +42,10 @@ WAITED_OFF = 0.25
 """Share of the price of time that holds where the time gained would be waited off; less what idling there burns."""
 CATCH_UP = 1.5
 """s within which the speed of a leader close by is taken on."""
+FOLLOWING = 4.0
+"""s to the car in front within which one follows it."""
+LIFTING = -0.2
+"""m/s2 above which nothing is said to who follows."""
 GREEN = 40.0
 """s that a green or red phase lasts, about: every second later at a green light is a chance of 1 / `GREEN` that it
 turns, which costs as long a wait, idling, and the speed."""
@@ -108,6 +112,9 @@ class RecedingHorizon:
             acceleration, rolls = held
             gear = gear if rolls or not self.context.tells_gears else self._steady_gear(view)
             return Suggestion(acceleration, gear, costate, coast=rolls)
+        if view.leader_gap < FOLLOWING * view.speed and acceleration > LIFTING:
+            # Who follows a car gains no time by haste: he keeps his distance himself, and better than by arrows.
+            return Suggestion(0.0, self._steady_gear(view), costate, free=True) if self.context.tells_gears else None
         k = int(np.clip(np.searchsorted(plan.s, place, side="right") - 1, 0, len(plan.s) - 1))
         near = abs(plan.speed[k] - speed) < 1.0
         rolls = near and bool(plan.coasting[k]) and plan.brake_force[k] < ROLLING and acceleration < 0.0
