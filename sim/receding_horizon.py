@@ -28,6 +28,8 @@ PERIOD = 1.0
 STEP, STAGES = 5.0, 50
 """m between the places of the plan in hand at least, and stages at most: finer where it is slow, since a step that is
 long for the speed spreads the slowness of a corner and a launch over all of it."""
+PRESSING = 0.4
+"""s more that a person takes to press the pedal than to lift the foot."""
 MOMENT = 0.5
 """s over which the box's speed is differenced: what the car does now, which it goes on doing until he acts."""
 FORESIGHT = 20.0
@@ -101,8 +103,12 @@ class RecedingHorizon:
             return None
         plan = self._plan
         # What is said now is done a moment later: it is said for where, and how fast, he will be by then.
-        place, speed = self._when_done(view)
+        # More takes longer than less: the foot has to come down.
+        place, speed = self._when_done(view, self.context.delay)
         acceleration, gear, costate = plan.action(place, speed)
+        if self.context.delay > 0.0:
+            later = plan.action(*self._when_done(view, self.context.delay + PRESSING))
+            acceleration, gear = max((acceleration, gear), later[:2])
         gear = gear if self.context.tells_gears else 0
         acceleration = min(acceleration, (self._pace - view.speed) / CATCH_UP)
         # Where the grid or a leader's change of speed asks for more than was planned, the driver's own eyes do.
@@ -128,9 +134,8 @@ class RecedingHorizon:
             self._trend += min(passed / MOMENT, 1.0) * ((view.speed - speed) / passed - self._trend)
         self._before = view.time, view.speed
 
-    def _when_done(self, view: View) -> tuple[float, float]:
-        """Place (m) and speed (m/s) at which he will act upon what is said now."""
-        delay = self.context.delay
+    def _when_done(self, view: View, delay: float) -> tuple[float, float]:
+        """Place (m) and speed (m/s) at which he will act upon what is said now, `delay` s later."""
         speed = max(view.speed + self._trend * delay, 0.0)
         return view.distance + 0.5 * (view.speed + speed) * delay, speed
 
