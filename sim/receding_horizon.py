@@ -44,6 +44,8 @@ WAITED_OFF = 0.25
 """Share of the price of time that holds where the time gained would be waited off; less what idling there burns."""
 CATCH_UP = 1.5
 """s within which the speed of a leader close by is taken on."""
+HIS_OWN = 0.8
+"""m/s2 of braking from which nothing is said."""
 FOLLOWING = 4.0
 """s to the car in front within which one follows it."""
 LIFTING = -0.2
@@ -121,6 +123,8 @@ class RecedingHorizon:
         if view.leader_gap < FOLLOWING * view.speed and acceleration > LIFTING:
             # Who follows a car gains no time by haste: he keeps his distance himself, and better than by arrows.
             return Suggestion(0.0, self._steady_gear(view), costate, free=True) if self.context.tells_gears else None
+        if acceleration < -HIS_OWN:
+            return None  # what there is to brake for is there to be seen, and he does it without delay
         k = int(np.clip(np.searchsorted(plan.s, place, side="right") - 1, 0, len(plan.s) - 1))
         near = abs(plan.speed[k] - speed) < 1.0
         rolls = near and bool(plan.coasting[k]) and plan.brake_force[k] < ROLLING and acceleration < 0.0
