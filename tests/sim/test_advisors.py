@@ -9,7 +9,7 @@ import pytest
 from controller.advice import RoadAhead
 from sim import advisors
 from sim.advisor import Context, View
-from sim.receding_horizon import COMFORT
+from sim.receding_horizon import HIS_OWN
 from sim.truth import true_fuel_map
 from vehicle_model.car.errors import BadInput
 from vehicle_model.car.parameters import Car
@@ -64,14 +64,16 @@ def test_the_receding_horizon_lifts_off_for_a_slower_leader_and_not_for_a_faster
 def test_the_receding_horizon_slows_down_ahead_of_the_lower_limit_and_its_costate_is_positive(context: Context) -> None:
     advisor = advisors.make("pontryagin", context)
     advisor.reset()
-    told = advisor.advise(view(distance=1150.0, destination_distance=840.0))
+    told = advisor.advise(view(distance=1090.0, destination_distance=900.0))
     assert told is not None and told.acceleration < -0.3
+    too_near_to_roll = advisor.advise(view(distance=1160.0, time=63.0, destination_distance=830.0))
+    assert too_near_to_roll is None, "what is there to brake for he sees, and does it without delay"
     cruising = advisor.advise(view(distance=300.0, speed=11.0, time=90.0, destination_distance=1690.0))
     assert cruising is not None and cruising.costate > 0.0
 
 
 def test_the_receding_horizon_asks_for_no_hard_braking_behind_a_leader_who_stops(context: Context) -> None:
-    """Given a leader close by whose speed falls fast, then the arrow asks for planned braking; the rest he sees."""
+    """Given a leader close by whose speed falls fast, then no arrow asks for more than lifting off; the rest he sees."""
     advisor = advisors.make("pontryagin", context)
     advisor.reset()
     told = []
@@ -79,8 +81,42 @@ def test_the_receding_horizon_asks_for_no_hard_braking_behind_a_leader_who_stops
         seen = view(time=60.0 + 0.1 * k, speed=6.5, gear=3, leader_gap=16.0, leader_speed=max(5.0 - 0.13 * k, 0.0))
         told.append(advisor.advise(seen))
     given = [suggestion.acceleration for suggestion in told if suggestion is not None]
-    assert min(given) < -0.5
-    assert min(given) >= -COMFORT.braking
+    assert told[-1] is None, "he is left to brake as he sees fit"
+    assert min(given, default=0.0) >= -HIS_OWN
+
+
+def test_the_receding_horizon_leaves_the_distance_to_who_follows_and_tells_gears_to_who_shifts_badly(
+    context: Context,
+) -> None:
+    """Given a car 30 m ahead at the same speed, then haste gains nothing: the pace is his own."""
+    following = view(leader_gap=30.0, leader_speed=13.5)
+    for tells in (False, True):
+        advisor = advisors.make("pontryagin", replace(context, tells_gears=tells))
+        advisor.reset()
+        told = advisor.advise(following)
+        if not tells:
+            assert told is None
+        else:
+            assert told is not None and told.free and told.gear == 6
+    shifts_well = advisors.make("pontryagin", replace(context, tells_gears=False))
+    shifts_well.reset()
+    free = shifts_well.advise(view(distance=300.0, speed=9.0))
+    assert free is not None and free.gear == 0 and free.acceleration > 0.3
+
+
+def test_what_a_person_will_do_late_is_said_early(context: Context) -> None:
+    """Given the road with a lower limit at 1,200 m, then who acts 0.8 s late is told to roll 0.8 s sooner."""
+    first = {}
+    for delay in (0.0, 0.8):
+        advisor = advisors.make("pontryagin", replace(context, delay=delay))
+        advisor.reset()
+        for k in range(300):
+            place = 900.0 + 1.35 * k
+            told = advisor.advise(view(time=60.0 + 0.1 * k, distance=place, destination_distance=1990.0 - place))
+            if told is None or told.acceleration < -0.3:
+                first[delay] = place
+                break
+    assert first[0.0] - first[0.8] == pytest.approx(0.8 * 13.5, abs=6.0)
 
 
 def test_dearer_time_asks_for_a_stronger_launch(context: Context) -> None:

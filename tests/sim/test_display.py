@@ -46,6 +46,14 @@ def test_what_is_urgent_is_shown_at_once_gentle_acceleration_waits() -> None:
     assert out_of_the_bend.acceleration == 0.8
 
 
+def test_slowing_down_a_higher_gear_is_shown_at_once_a_lower_one_is_left_to_him() -> None:
+    """Given third gear while he pulled, then off the throttle its drag would brake: sixth comes with the next step."""
+    display = Display(0.1)
+    shown(display, [0.8] * 60, [3] * 60)
+    assert [s.gear for s in shown(display, [-0.9] * 3, [3, 6, 6])] == [3, 6, 6]
+    assert [s.gear for s in shown(display, [-0.9] * 20, [4] * 20)] == [6] * 20
+
+
 def test_what_is_acted_upon_never_contradicts_the_arrow() -> None:
     rng = np.random.default_rng(1)
     display = Display(0.1)
