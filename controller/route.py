@@ -9,6 +9,7 @@ which the planned action maximises at each place. The value function comes of dy
 global optimum on its grid, and the costate is its slope, at every speed and not only along the plan.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -43,6 +44,7 @@ def plan_route(
     nodes: int = 200,
     table: DriveTable | None = None,
     policy_step: float | None = 50.0,
+    policy_reach: float = math.inf,
     certify: bool = True,
 ) -> Advice:
     """Plan the drive over `road` on the (estimated) `fuel_map` and the nominal `car`.
@@ -52,6 +54,7 @@ def plan_route(
     `time_value` W >= 0 is what a second is worth, J/s. `table` saves the tabulation of the map when replanning (its
     top speed must cover the road's). `step` m and `nodes` set the grid; `policy_step` m that of the policy. With None
     there is no policy, only the plan, sought in a corridor around that of a coarse grid: several times faster.
+    `policy_reach` m is how far the policy goes (at least one place); who plans again soon needs no more.
     `certify` fills `Advice.certificate` (see `plan_certificate`).
     Raises BadInput for a road that cannot be driven or an end speed that cannot be reached (naming the nearest).
     """
@@ -59,7 +62,7 @@ def plan_route(
     if not (np.isfinite(time_value) and time_value >= 0.0):
         raise BadInput("time value", f"{time_value} J/s", "finite and not negative")
     if policy_step is not None:
-        return _advise(problem, time_value, *problem.plan(time_value, start_gear), policy_step, certify)
+        return _advise(problem, time_value, *problem.plan(time_value, start_gear), policy_step, certify, policy_reach)
     corridors = _Corridors(problem, problem.rough(road, fuel_map, step, nodes), start_gear)
     return _advise(problem, time_value, corridors.plan(time_value), None, None, certify)
 
@@ -172,13 +175,14 @@ class _Policy:
 
 
 def _policy(
-    problem: RouteProblem, time_value: float, found: Path, value: NDArray[np.float64], policy_step: float
+    problem: RouteProblem, time_value: float, found: Path, value: NDArray[np.float64], policy_step: float, reach: float
 ) -> _Policy:
     """The best action at every speed, at places about `policy_step` m apart."""
     stages, chosen = problem.stages, found.gear
     fastest = float(np.sqrt(2.0 * max(found.energy.max(), stages.top.max())))
     grid = np.linspace(0.0, fastest, max(int(np.ceil(fastest / 0.9)), 2) + 1)
     places = np.arange(0, len(stages.ds), max(round(policy_step / stages.ds[0]), 1))
+    places = places[: max(int(np.searchsorted(stages.s[places], stages.s[0] + reach, side="right")), 1)]
     shape = (len(places), len(grid))
     energies = np.broadcast_to(0.5 * grid**2, shape)
     _, ends, gears, _, slope = act(
@@ -200,6 +204,7 @@ def _advise(
     value: NDArray[np.float64] | None,
     policy_step: float | None,
     certify: bool,
+    policy_reach: float = math.inf,
 ) -> Advice:
     """The advice that a plan and its value function make; no policy without these."""
     stages, table, car = problem.stages, problem.table, problem.car
@@ -220,7 +225,7 @@ def _advise(
     if value is None or policy_step is None:
         policy = _Policy()
     else:
-        policy = _policy(problem, time_value, found, value, policy_step)
+        policy = _policy(problem, time_value, found, value, policy_step, policy_reach)
     certificate = (
         {}
         if not certify

@@ -54,7 +54,7 @@ class Display:
         # A new arrow is looked at anyway: the gear may come with it.
         gear = wanted.gear if arrow != self._arrow else self._next_gear(wanted)
         changed = (arrow, gear) != (self._arrow, self._gear)
-        if changed and not self._dark:
+        if changed or self._dark:  # what lights up is looked at, also where it says what it said before
             self.changes += 1
         if arrow != self._arrow:
             self._arrow, self._arrow_age = arrow, 0.0

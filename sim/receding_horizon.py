@@ -8,6 +8,8 @@ on the table of the map made beforehand:
 - a signal that tells when it turns: as on a free road, but hurried where that saves a stop, and slower from afar
   where it would still be red (`sim.signal_timing`);
 - a slower leader: to his speed at the place where he would be caught up with; time is cheap, since he sets it.
+What is said is said for when it will be acted upon, and a person who acts late is left alone with what he does better
+by himself: to keep his distance to the car in front, to brake for what he sees, and, if he does it well, to shift.
 Between two replannings the policy around the plan answers for whatever speed the car really has.
 """
 
@@ -28,6 +30,8 @@ PERIOD = 1.0
 STEP, STAGES = 5.0, 50
 """m between the places of the plan in hand at least, and stages at most: finer where it is slow, since a step that is
 long for the speed spreads the slowness of a corner and a launch over all of it."""
+LASTS = 5.0
+"""s of driving that a plan's policy covers: until the next plan, and what a person does late."""
 PRESSING = 0.4
 """s more that a person takes to press the pedal than to lift the foot."""
 MOMENT = 0.5
@@ -120,12 +124,13 @@ class RecedingHorizon:
             acceleration, rolls = held
             gear = gear if rolls or not self.context.tells_gears else self._steady_gear(view)
             return Suggestion(acceleration, gear, costate, coast=rolls)
-        if view.leader_gap < FOLLOWING * view.speed and acceleration > LIFTING:
+        late = self.context.delay > 0.0  # who acts at once is better told all of it
+        if late and view.leader_gap < FOLLOWING * view.speed and acceleration > LIFTING:
             # Who follows a car gains no time by haste: he keeps his distance himself, and better than by arrows.
             return Suggestion(0.0, self._steady_gear(view), costate, free=True) if self.context.tells_gears else None
-        if acceleration < -HIS_OWN:
+        if late and acceleration < -HIS_OWN:
             return None  # what there is to brake for is there to be seen, and he does it without delay
-        k = int(np.clip(np.searchsorted(plan.s, place, side="right") - 1, 0, len(plan.s) - 1))
+        k = min(max(int(np.searchsorted(plan.s, place, side="right")) - 1, 0), len(plan.s) - 1)
         near = abs(plan.speed[k] - speed) < 1.0
         rolls = near and bool(plan.coasting[k]) and plan.brake_force[k] < ROLLING and acceleration < 0.0
         return Suggestion(acceleration, gear, costate, coast=rolls)
@@ -192,7 +197,7 @@ class RecedingHorizon:
         return plan_route(
             road, c.fuel_map, c.car, start_speed=min(view.speed, top), end_speed=end_speed, time_value=price,
             start_gear=view.gear or None, end_price=credit, step=step, table=self._table,
-            policy_step=step, certify=False,
+            policy_step=step, policy_reach=LASTS * max(view.speed, 5.0), certify=False,
         )  # fmt: skip
 
     def _held(self, view: View) -> tuple[float, bool] | None:

@@ -19,6 +19,7 @@ from rollingroad.evaluation.evaluate_drives import account, map_of_the_truth, tr
 from rollingroad.task import Task
 from sim.advisor import Context
 from sim.drive import drive
+from sim.full_load import enriched
 from sim.network import build
 from sim.road_ahead import road_ahead
 from sim.truth import true_fuel_map
@@ -78,8 +79,8 @@ def learning_curve(
                     road, truth, task.car, start_speed=float(speed[0]), end_speed=float(speed[-1]), begin=ADVICE_BEGINS
                 )
                 base = at_price(base, price)
-            known = replace(base, fuel_map=learnt.fuel_map)
-            through_fit = replace(base, fuel_map=map_of_the_truth(learnt, driven, task).fuel_map)
+            known = replace(base, fuel_map=enriched(learnt.fuel_map))
+            through_fit = replace(base, fuel_map=enriched(map_of_the_truth(learnt, driven, task).fuel_map))
             costs = []
             for context in (known, through_fit, base):
                 found = plan(context)

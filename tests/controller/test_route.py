@@ -251,3 +251,13 @@ def test_a_plan_sought_in_a_corridor_is_the_plan_of_the_whole_grid(smart, willan
     narrow = plan_route_in_time(hilly(5000), willans, smart, **settings, policy_step=None)
     assert narrow.time_value == whole.time_value
     assert narrow.trip_time == pytest.approx(whole.trip_time, rel=1e-12)
+
+
+def test_a_policy_of_short_reach_is_the_beginning_of_the_whole_one(smart, willans):
+    settings = dict(start_speed=10.0, end_speed=None, time_value=20e3, policy_step=50.0, certify=False)
+    whole = plan_route(hilly(2000), willans, smart, **settings)
+    short = plan_route(hilly(2000), willans, smart, **settings, policy_reach=220.0)
+    places = len(short.policy_s)
+    assert short.policy_s[-1] <= 220.0 < whole.policy_s[places]
+    assert np.array_equal(short.policy_acceleration, whole.policy_acceleration[:places])
+    assert np.array_equal(short.policy_gear, whole.policy_gear[:places]) and np.array_equal(short.speed, whole.speed)

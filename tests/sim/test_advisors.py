@@ -73,7 +73,7 @@ def test_the_receding_horizon_slows_down_ahead_of_the_lower_limit_and_its_costat
 
 
 def test_the_receding_horizon_asks_for_no_hard_braking_behind_a_leader_who_stops(context: Context) -> None:
-    """Given a leader close by whose speed falls fast, then no arrow asks for more than lifting off; the rest he sees."""
+    """Given a leader close by whose speed falls fast, then no arrow asks for more than to lift off; he sees it."""
     advisor = advisors.make("pontryagin", context)
     advisor.reset()
     told = []

@@ -34,7 +34,5 @@ def test_a_line_continued_to_full_load_comes_nearer_to_the_truth(car: Car) -> No
         line = at[0] + (truth.torque - 0.3 * full) / (0.5 * full) * (at[1] - at[0])
         fit = replace(truth, fuel_power=np.tile(line, (len(truth.engine_speed), 1)))
         actual = np.interp(full, truth.torque, truth.fuel_power[row])
-        misses = [
-            abs(np.interp(full, truth.torque, m.fuel_power[row]) / actual - 1.0) for m in (fit, enriched(fit))
-        ]
+        misses = [abs(np.interp(full, truth.torque, m.fuel_power[row]) / actual - 1.0) for m in (fit, enriched(fit))]
         assert misses[1] < 0.6 * misses[0]
