@@ -22,7 +22,7 @@ from sensors.box import box_settings, record
 from sensors.log import SensorLog
 from sensors.packets import decode
 from sensors.roadmap import RoadMap, from_route
-from sim.advisor import AdviceFollower
+from sim.advisor import DELAY, AdviceFollower
 from sim.drive import Drive, drive
 from sim.network import Network
 from sim.road_ahead import road_ahead
@@ -70,7 +70,8 @@ class Followed:
 
 def drive_scenario(task: Task, network: Network, advice: Advice | None = None, *, perfect: bool = False) -> Drive:
     """The arrow `drive`: the task's car in the task's traffic, with or without advice. Runs in a worker."""
-    advisor = None if advice is None else AdviceFollower(advice, begin=ADVICE_BEGINS)
+    delay = 0.0 if perfect else DELAY
+    advisor = None if advice is None else AdviceFollower(advice, begin=ADVICE_BEGINS, delay=delay)
     return drive(task.scenario, task.car, task.seed, advisor=advisor, network=network, perfect=perfect)
 
 

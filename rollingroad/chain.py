@@ -15,6 +15,7 @@ from rollingroad.products import Products, write_products
 from rollingroad.task import Task
 from rollingroad.warm_up import warm_up_observer, warm_up_planner
 from rollingroad.workers import executor
+from sim.full_load import enriched
 from sim.network import build
 from sim.road_ahead import road_ahead
 
@@ -61,7 +62,7 @@ def run_chain(
         watch.lap("plan")
 
         tell("driving again, with advice")
-        advised = follow(pool, task, network, baseline, road, learnt.fuel_map, prices)
+        advised = follow(pool, task, network, baseline, road, enriched(learnt.fuel_map), prices)
         tell("driving again, as the oracle would")
         oracle = oracle_started.get().result()
         watch.lap("drive")

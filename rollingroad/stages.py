@@ -30,6 +30,7 @@ from rollingroad.workers import executor
 from scenarios.files import parse
 from sensors.packets import read_log, write_log
 from sensors.roadmap import RoadMap
+from sim.full_load import enriched
 from sim.network import build
 from sim.road_ahead import road_ahead
 from sim.route import true_route
@@ -106,7 +107,7 @@ def plan_run(run: Path) -> None:
         route = true_route(build(task.scenario, Path(scratch)))
     road = road_ahead(route, RoadMap.read(run / "road"))
     price, _ = first_prices(road, table, task.car, trip)
-    advice = plan_drive(road, table, task.car, trip, price)
+    advice = plan_drive(road, enriched(table), task.car, trip, price)
     write_advice(advice, run / "advice.parquet")
 
 
@@ -133,7 +134,7 @@ def compare_run(
         road = road_ahead(baseline.route, sensed.road_map)
         prices = first_prices(road, learnt.fuel_map, task.car, baseline.trip)
         tell("driving again, with advice")
-        advised = follow(pool, task, network, baseline, road, learnt.fuel_map, prices)
+        advised = follow(pool, task, network, baseline, road, enriched(learnt.fuel_map), prices)
         tell("driving again, as the oracle would")
         oracle = follow_as_oracle(task, network, baseline)
         watch.lap("drive")

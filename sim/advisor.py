@@ -12,6 +12,14 @@ GLIDE_HORIZON = 200.0
 """m ahead within which a red signal or a slower leader is worth gliding to."""
 COAST = 0.45
 """m/s2 that a car loses rolling in gear with the fuel cut: the advisor's rule of thumb."""
+DELAY = 0.8
+"""s that a person is presumed to take to act upon advice."""
+HIS_OWN = 0.8
+"""m/s2 of braking from which nothing is said to who acts late."""
+FOLLOWING = 4.0
+"""s to the car in front within which one follows it."""
+LIFTING = -0.2
+"""m/s2 above which nothing is said to who follows."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +69,7 @@ class Context:
     """Whether the car carries out accelerations itself once he presses the pedal to the floor."""
     begin: float = 50.0
     """m: silent before, so that two drives can be shown to be the same until advice is given."""
-    delay: float = 0.8
+    delay: float = DELAY
     """s that the advisor presumes a person takes to act upon advice; 0 for one who follows at once."""
     tells_gears: bool = True
     """Whether gears are told; not to a driver who shifts well by himself (`sim.shift_habit`)."""
@@ -104,6 +112,11 @@ class AdviceFollower:
     """Whether to lift off early for red signals and slower leaders in sight."""
     begin: float = 0.0
     """m: silent before (for a comparison that starts later)."""
+    delay: float = 0.0
+    """s that a person takes to act upon advice: it is said for where he will be by then, and braking and the distance to
+    a car close in front are left to him, who sees what for; 0 for one who follows at once."""
+    tells_gears: bool = True
+    """See `Context`."""
 
     def reset(self) -> None:
         """Nothing to forget: the policy is fixed."""
@@ -112,7 +125,12 @@ class AdviceFollower:
         """The policy's action here; a glide where something stands in the way."""
         if view.distance < self.begin:
             return None
-        acceleration, gear, costate = self.advice.action(view.distance, view.speed)
+        acceleration, gear, costate = self.advice.action(view.distance + self.delay * view.speed, view.speed)
+        gear = gear if self.tells_gears else 0
+        if self.delay > 0.0:
+            follows = view.leader_gap < FOLLOWING * view.speed and acceleration > LIFTING
+            if acceleration < -HIS_OWN or (follows and not (self.glide and worth_gliding(view))):
+                return None
         if self.glide and acceleration > -COAST and worth_gliding(view):
             return Suggestion(-COAST, view.gear, costate, coast=True)
         return Suggestion(acceleration, gear, costate)

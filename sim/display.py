@@ -38,6 +38,8 @@ class Display:
     _gear_age: float = field(default=math.inf, init=False)
     _other_gear: float = field(default=0.0, init=False)
     _dark: bool = field(default=True, init=False)
+    _lit: bool = field(default=False, init=False)
+    """Whether it ever was."""
 
     def show(self, wanted: Suggestion | None) -> Suggestion | None:
         """What the display shows of `wanted`; None while there is no advice."""
@@ -54,8 +56,10 @@ class Display:
         # A new arrow is looked at anyway: the gear may come with it.
         gear = wanted.gear if arrow != self._arrow else self._next_gear(wanted)
         changed = (arrow, gear) != (self._arrow, self._gear)
-        if changed or self._dark:  # what lights up is looked at, also where it says what it said before
+        # What lights up again is looked at, also where it says what it said before.
+        if self._lit and (changed or self._dark):
             self.changes += 1
+        self._lit = True
         if arrow != self._arrow:
             self._arrow, self._arrow_age = arrow, 0.0
         if gear != self._gear:

@@ -21,7 +21,7 @@ import numpy as np
 from controller.advice import Advice, RoadAhead
 from controller.drive_table import DriveTable, drive_table
 from controller.route import Comfort, plan_route
-from sim.advisor import COAST, Context, Suggestion, View
+from sim.advisor import COAST, FOLLOWING, HIS_OWN, LIFTING, Context, Suggestion, View
 from sim.signal_timing import ABOVE, SETTLE, Timing, slower, timing
 from vehicle_model.car.errors import BadInput
 
@@ -48,12 +48,6 @@ WAITED_OFF = 0.25
 """Share of the price of time that holds where the time gained would be waited off; less what idling there burns."""
 CATCH_UP = 1.5
 """s within which the speed of a leader close by is taken on."""
-HIS_OWN = 0.8
-"""m/s2 of braking from which nothing is said."""
-FOLLOWING = 4.0
-"""s to the car in front within which one follows it."""
-LIFTING = -0.2
-"""m/s2 above which nothing is said to who follows."""
 GREEN = 40.0
 """s that a green or red phase lasts, about: every second later at a green light is a chance of 1 / `GREEN` that it
 turns, which costs as long a wait, idling, and the speed."""

@@ -64,7 +64,7 @@ def learning_curve(
         network = build(task.scenario, Path(folder))
         for number in range(trips):
             tell(f"trip {number + 1} of {trips}")
-            chosen = None if known is None else advisor(advisor_name, known)
+            chosen = None if known is None else advisor(advisor_name, replace(known, fuel_map=enriched(known.fuel_map)))
             done = drive(task.scenario, task.car, task.seed + number, advisor=chosen, network=network)
             cost = account(done, task.car)
             sensed = sense(replace(task, seed=task.seed + number), done)
@@ -79,8 +79,8 @@ def learning_curve(
                     road, truth, task.car, start_speed=float(speed[0]), end_speed=float(speed[-1]), begin=ADVICE_BEGINS
                 )
                 base = at_price(base, price)
-            known = replace(base, fuel_map=enriched(learnt.fuel_map))
-            through_fit = replace(base, fuel_map=enriched(map_of_the_truth(learnt, driven, task).fuel_map))
+            known = replace(base, fuel_map=learnt.fuel_map)
+            through_fit = replace(base, fuel_map=map_of_the_truth(learnt, driven, task).fuel_map)
             costs = []
             for context in (known, through_fit, base):
                 found = plan(context)

@@ -46,6 +46,15 @@ def test_what_is_urgent_is_shown_at_once_gentle_acceleration_waits() -> None:
     assert out_of_the_bend.acceleration == 0.8
 
 
+def test_a_display_that_lights_up_again_is_looked_at_again() -> None:
+    """Given silence in between, then the same advice costs a second look: silence is no free change of mind."""
+    display = Display(0.1)
+    shown(display, [0.8] * 20, [3] * 20)
+    assert display.show(None) is None and display.changes == 0
+    shown(display, [0.8] * 20, [3] * 20)
+    assert display.changes == 1
+
+
 def test_slowing_down_a_higher_gear_is_shown_at_once_a_lower_one_is_left_to_him() -> None:
     """Given third gear while he pulled, then off the throttle its drag would brake: sixth comes with the next step."""
     display = Display(0.1)
