@@ -113,8 +113,8 @@ class AdviceFollower:
     begin: float = 0.0
     """m: silent before (for a comparison that starts later)."""
     delay: float = 0.0
-    """s that a person takes to act upon advice: it is said for where he will be by then, and braking and the distance to
-    a car close in front are left to him, who sees what for; 0 for one who follows at once."""
+    """s that a person takes to act upon advice: it is said for where he will be by then, and braking and following a
+    car close in front are left to him, who sees what for; 0 for one who acts at once."""
     tells_gears: bool = True
     """See `Context`."""
 

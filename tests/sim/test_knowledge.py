@@ -92,6 +92,20 @@ def test_the_follower_is_silent_before_it_begins() -> None:
     assert AdviceFollower(flat_advice(0.2), begin=150.0).advise(view()) is None
 
 
+def test_the_follower_leaves_to_a_person_who_acts_late_what_he_does_better_himself() -> None:
+    """Given who acts 0.8 s late, then braking and the car in front are his, gears if he shifts well."""
+    late = AdviceFollower(flat_advice(0.2), delay=0.8, tells_gears=False)
+    free = late.advise(view())
+    assert free is not None and free.gear == 0 and free.acceleration == pytest.approx(0.2)
+    assert late.advise(view(leader_gap=50.0, leader_speed=15.0)) is None
+    assert AdviceFollower(flat_advice(0.2)).advise(view(leader_gap=50.0, leader_speed=15.0)) is not None
+    braking = flat_advice(-1.0)
+    assert AdviceFollower(braking, delay=0.8).advise(view()) is None
+    assert AdviceFollower(braking).advise(view()) is not None
+    red = late.advise(view(signal_distance=120.0, signal_state="red", leader_gap=50.0, leader_speed=15.0))
+    assert red is not None and red.coast, "a red light is still worth lifting off for"
+
+
 def test_the_follower_rolls_to_a_red_light_that_it_can_reach_rolling_but_not_to_a_green_one() -> None:
     follower = AdviceFollower(flat_advice(0.2))
     red = follower.advise(view(signal_distance=120.0, signal_state="red"))
