@@ -105,8 +105,19 @@ def doubted(
 FREEDOM = (0.12, 0.4, 1.0, 2.5)
 """Without reference trips: shares of the correction's freedom that are tried. The least takes the simulator's own map
 for the car's; the most lets these very trips draw the map, and then little of the fuel is left to be explained."""
+BOX = 0.03
+"""Share of the freedom of receiver and wheel without reference trips: what they do beyond the tolerances is a gap."""
 KEPT = ("bias_x", "gnss.lag", "gnss.scale", "launch_speed.offset", "shift_time.offset", "squat")
 """Calibration columns of the box and of the driver's habits, which are free without references too."""
+
+
+def _free(name: str, freedom: float) -> float:
+    """Share of the freedom of the calibration's column `name` where there is no reference."""
+    if name in KEPT or name.startswith("launch"):
+        return 1.0
+    if name.startswith(("gnss.", "state.gnss")):  # another engine does not make another receiver or wheel
+        return BOX
+    return freedom
 
 
 def calibrate(
@@ -120,8 +131,7 @@ def calibrate(
     """
     noise = default_noise()
     if not reference:
-        free = np.array([1.0 if name in KEPT or name.startswith("launch") else freedom for name in layout.calibration])
-        sd = layout.calibration_sd * free
+        sd = layout.calibration_sd * np.array([_free(name, freedom) for name in layout.calibration])
         return Calibration(np.diag(sd**-2.0), np.zeros(len(sd)), noise, 1.3, 0)
     for _ in range(2):
         done = [whiten(trip, layout, noise) for trip in reference]

@@ -42,6 +42,9 @@ class Thresholds:
     temperature: float = 1.0
     alike: float = 0.85
     """Correlation with a named effect above which a regressor is that effect and not something else."""
+    spread: float = 0.1
+    """Share of the misfit of the likeliest effect that any second one could take for its own: errors of a signature lie
+    in many directions."""
     barrier: float = 3.5
     """log units that any cause must overcome before "nothing" loses: pays for looking everywhere."""
     floor: Mapping[str, float] = field(default_factory=dict)
@@ -76,6 +79,11 @@ def floored(r: Reduced, library: Library, floor: Mapping[str, float]) -> Reduced
 
 LEADING = 8
 """Pairs have one of this many leading single effects in them; two effects that are both weaker are never the answer."""
+
+
+FEW, NEAR = 8, 0.92
+"""Of an effect with more shapes than this (a local error of the map, anywhere on it) one is always near a regressor:
+the correlation that makes the regressor that effect is then higher."""
 
 
 def _part(found: Fit, at: slice) -> Fit:
@@ -113,7 +121,7 @@ def hypotheses(
         if variant.effect in hidden or seen[variant.effect] < 1.0:
             continue
         index = np.arange(place.start, place.stop)
-        found = physical(fit(r, index, sd[index]), variant.columns)
+        found = physical(fit(r, index, sd[index]), variant)
         by_effect.setdefault(variant.effect, []).append((variant, found, index))
     singles = {name: log_mean_exp(np.array([f.log_bayes for _, f, _ in rows])) for name, rows in by_effect.items()}
     best = {name: max(rows, key=lambda row: row[1].log_bayes) for name, rows in by_effect.items()}
@@ -127,28 +135,38 @@ def hypotheses(
             index = np.concatenate([i1, i2])
             found = fit(r, index, sd[index])
             log = sum(
-                physical(_part(found, at), v.columns).log_bayes - found.log_bayes
+                physical(_part(found, at), v).log_bayes - found.log_bayes
                 for v, at in ((v1, slice(0, len(i1))), (v2, slice(len(i1), None)))
             )
             both[(first, second)] = (v1, v2, replace(found, log_bayes=found.log_bayes + log))
-    named = [index for rows in by_effect.values() for *_, index in rows]
-    other, log_outside = outside(r, library, layout, named, t.alike)
+    named = [
+        (index[1:] if v.swings else index, t.alike if len(rows) <= FEW else max(t.alike, NEAR))
+        for rows in by_effect.values() for v, _, index in rows
+    ]  # fmt: skip
+    other, log_outside = outside(r, library, layout, named)
     return Hypotheses(
         singles, {n: (v, f) for n, (v, f, _) in best.items()}, both, log_outside,
         (tuple(library.regressors[i] for i in other.terms), other.fit) if other is not None else None,
     )  # fmt: skip
 
 
+NO_FIT = Fit(0.0, 0.0, np.zeros(0), np.zeros((0, 0)))
+
+
 def weighed(h: Hypotheses, t: Thresholds) -> Posterior:
     """Probabilities of `h` under the frozen priors. A signature is right to a share `misfit` of its size only, so the
-    evidence of a loud effect is tempered; `barrier` is what any cause must overcome."""
+    evidence of a loud effect is tempered; what a pair or something else has beyond the best effect alone is tempered by
+    the part of that one's errors that may look like it. `barrier` is what any cause must overcome."""
     squeeze = t.temperature * (1.0 + 0.5 * t.misfit**2 * h.explained)
     rows: list[tuple[object, float]] = [("none", np.log(t.prior_none))]
     single = np.log(t.prior_single / max(len(h.singles), 1)) - t.barrier
     rows += [(n, single + x / squeeze) for n, x in h.singles.items()]
-    pair = np.log(t.prior_pair / max(len(h.pairs), 1)) - t.barrier
-    rows += [(n, pair + f.log_bayes / squeeze) for n, (*_, f) in h.pairs.items()]
-    rows.append(("outside", np.log(t.prior_outside) - t.barrier + h.outside / squeeze))
+    top = max(h.singles.values(), default=0.0)
+    best = max((f for _, f in h.fits.values()), key=lambda f: f.log_bayes, default=NO_FIT)
+    gentle = t.temperature * (1.0 + 0.5 * t.spread * t.misfit**2 * best.explained)
+    pair = np.log(t.prior_pair / max(len(h.pairs), 1)) - t.barrier + top / squeeze
+    rows += [(n, pair + (f.log_bayes - best.log_bayes) / gentle) for n, (*_, f) in h.pairs.items()]
+    rows.append(("outside", np.log(t.prior_outside) - t.barrier + top / squeeze + (h.outside - top) / gentle))
     logs = np.array([x for _, x in rows])
     probability = np.exp(logs - logs.max())
     probability /= probability.sum()

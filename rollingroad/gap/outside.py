@@ -71,24 +71,21 @@ def models(r: Reduced, library: Library, layout: Layout, candidates: Sequence[in
 
 
 def outside(
-    r: Reduced, library: Library, layout: Layout, named: Sequence[NDArray], alike: float
+    r: Reduced, library: Library, layout: Layout, named: Sequence[tuple[NDArray, float]]
 ) -> tuple[Model | None, float]:
-    """Best regressors and the evidence of "something else"; `named` are the columns of each effect that may be named.
-
-    A regressor whose correlation with one of those reaches `alike` is that effect, and nothing else.
-    """
+    """Best regressors and the evidence of "something else"; `named` are the columns of each effect that may be named,
+    with the correlation from which on a regressor is that effect, and nothing else."""
     candidates = np.array(seen(r, library, layout), int)
     if not len(candidates):
         return None, NOTHING
     columns = layout.effects + candidates
-    known = np.zeros(len(candidates))
-    for index in named:
+    free = np.ones(len(candidates), bool)
+    for index, alike in named:
         a = r.information[np.ix_(index, index)]
         c = r.information[np.ix_(index, columns)]
         inner = np.linalg.solve(a + 1e-9 * np.diag(np.diag(a)) + 1e-300 * np.eye(len(a)), c)
-        known = np.maximum(known, np.sum(c * inner, axis=0) / np.diag(r.information)[columns])
-    new = [int(i) for i, square in zip(candidates, known, strict=True) if np.sqrt(max(square, 0.0)) < alike]
-    found, chosen = models(r, library, layout, new)
+        free &= np.sum(c * inner, axis=0) < alike**2 * np.diag(r.information)[columns]
+    found, chosen = models(r, library, layout, [int(i) for i in candidates[free]])
     if chosen is None:
         return None, NOTHING
     return chosen, float(np.logaddexp.reduce([m.fit.log_bayes + m.log_prior for m in found]))

@@ -5,6 +5,8 @@ fitted, and the columns are turned so that they give that signal there,
 
     c_j' = c_j + (s(x) - C x) w_j x_j / sum(w x^2),    w = 1 / prior variance.
 
+What comes and goes (a compressor) gets its period, phase and duty instead (`cycling.py`).
+
 Everything downstream (Gram matrices, pairs, held-out trips) stays linear, about the optimum instead of about zero:
 Laplace's approximation of the evidence there.
 """
@@ -17,6 +19,7 @@ from numpy.typing import NDArray
 
 from rollingroad.gap.calibration import Calibration
 from rollingroad.gap.channels import block_means, values
+from rollingroad.gap.cycling import tuned
 from rollingroad.gap.design import FUEL, map_correction
 from rollingroad.gap.evidence import Posterior
 from rollingroad.gap.replay import replay_vector, vector_of
@@ -28,6 +31,8 @@ from vehicle_model.car.parameters import Car
 Array = NDArray[np.float64]
 SINGLES, PAIRS = 4, 3
 """How many of the leading hypotheses are re-simulated."""
+LOUD = 60.0
+"""Chi square from which on the times of what comes and goes are told sharper."""
 SMALL = 0.3
 """Prior deviations below which the linear signature is as good."""
 
@@ -56,15 +61,22 @@ def refit(
 ) -> tuple[list[Trip], list[Whitened]]:  # fmt: skip
     """Return the trips and their whitened form with the leading variants' columns re-simulated."""
     chosen = leading(posterior)
-    if not chosen:
-        return list(trips), list(whitened)
     places = {id(v): p for v, p in zip(library.variants, library.places, strict=True)}
+    sharper = [
+        (places[id(v)], tuned(trips, whitened, layout, calibration, v, places[id(v)]))
+        for v, f in posterior.fits.values() if v.swings and f.explained > LOUD
+    ]  # fmt: skip
+    if not chosen and not sharper:
+        return list(trips), list(whitened)
     correction = dict(zip(layout.calibration, calibration.mean, strict=True)) if calibration.trips else None
     vector = vector_of(car)
     out_trips, out_whitened = [], []
-    for trip, w in zip(trips, whitened, strict=True):
+    for number, (trip, w) in enumerate(zip(trips, whitened, strict=True)):
         context = context_of(trip, car, vector, correction)
         effects, rows = trip.effects.copy(), w.rows.copy()
+        for place, columns in sharper:
+            effects[:, place] = columns[number]
+            rows[:, layout.nuisance + np.arange(place.start, place.stop)] = w.apply(columns[number])
         for key, (variant, value) in chosen.items():
             place = places[key]
             weight = np.array([c.sd for c in variant.columns]) ** -2.0 * value

@@ -47,6 +47,8 @@ class Variant:
     """(m, number of columns)."""
     settings: Callable[[Array], list[dict[str, float]]] | None = None
     """Settings of the simulator, at given coefficients, whose signals add up to the effect's; None for a sensor's."""
+    swings: bool = False
+    """The first column is the mean of what comes and goes by the two others: without a swing it is another effect."""
 
     def at(self, c: "Context", value: Array) -> Array:
         """(m,): the signal re-simulated at coefficients `value`. Raises BadInput where the simulator refuses them."""
@@ -329,4 +331,4 @@ def _cycling(period: float) -> Variant:
         phase = 2.0 * np.pi * t / period
         return np.stack([0.5 * mean, mean * np.cos(phase), mean * np.sin(phase)], axis=1)
 
-    return Variant("ac_cycling", columns, {"ac_cycling.period": period}, make)
+    return Variant("ac_cycling", columns, {"ac_cycling.period": period}, make, swings=True)

@@ -6,7 +6,9 @@ from scipy.stats import multivariate_normal
 
 from rollingroad.gap.calibration import Calibration, Reduced, reduce
 from rollingroad.gap.design import default_noise
-from rollingroad.gap.fits import SCALES, cosine, fit, log_mean_exp
+from rollingroad.gap.evidence import Hypotheses, Thresholds, weighed
+from rollingroad.gap.fits import SCALES, Fit, cosine, fit, log_mean_exp
+from rollingroad.gap.signatures import Variant
 from rollingroad.gap.trips import Layout
 
 
@@ -87,3 +89,32 @@ def test_no_data_no_opinion() -> None:
 def test_log_mean_exp_does_not_overflow() -> None:
     """Given logs in the thousands, then their mean is still the mean."""
     assert log_mean_exp(np.array([5000.0, 5000.0 + np.log(3.0)])) == pytest.approx(5000.0 + np.log(2.0))
+
+
+@pytest.mark.parametrize("gain, told", [(60.0, "pair"), (8.0, "single")])
+def test_a_loud_effect_does_not_drown_a_second(gain: float, told: str) -> None:
+    """Given an effect that explains a chi square of 2,800 and a second that adds 60 log units, then both are named;
+    what adds 8 may be an error of the first one's signature."""
+    loud, faint = Fit(1390.0, 2800.0, np.ones(1), np.eye(1)), Fit(20.0, 45.0, np.ones(1), np.eye(1))
+    variant = Variant("loud", (), {}, lambda c: np.zeros((0, 0)))
+    both = Fit(1390.0 + gain, 2800.0 + 2.0 * gain, np.ones(2), np.eye(2))
+    h = Hypotheses(
+        {"loud": 1390.0, "faint": 20.0}, {"loud": (variant, loud), "faint": (variant, faint)},
+        {("loud", "faint"): (variant, variant, both)}, -30.0, None,
+    )  # fmt: skip
+    p = weighed(h, Thresholds(prior_pair=1e-4, misfit=0.075, barrier=2.3))
+    assert p.none + p.outside < 1e-6
+    assert (p.pairs[("loud", "faint")] if told == "pair" else p.singles["loud"]) > 0.8
+
+
+def test_what_no_effect_explains_is_not_two_effects() -> None:
+    """Given effects of which one explains a quarter of a loud signal and two of them half, and regressors that explain
+    all of it, then it is something else, and not the two."""
+    variant = Variant("a", (), {}, lambda c: np.zeros((0, 0)))
+    first, second = Fit(500.0, 1010.0, np.ones(1), np.eye(1)), Fit(450.0, 910.0, np.ones(1), np.eye(1))
+    both = Fit(900.0, 1820.0, np.ones(2), np.eye(2))
+    h = Hypotheses(
+        {"a": 500.0, "b": 450.0}, {"a": (variant, first), "b": (variant, second)},
+        {("a", "b"): (variant, variant, both)}, 2000.0, ((), Fit(2010.0, 4040.0, np.ones(1), np.eye(1))),
+    )  # fmt: skip
+    assert weighed(h, Thresholds(misfit=0.1, barrier=2.3)).outside > 0.99

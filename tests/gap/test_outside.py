@@ -85,7 +85,7 @@ def test_what_a_named_effect_could_be_is_not_something_else() -> None:
     x = rng.normal(size=(200, NAMED + 2))
     x[:, 1] = x[:, 0] + 0.1 * x[:, 1]
     y = x[:, 0] + rng.normal(size=200)
-    best, log = outside(_reduced(x, y), _library([1.0] * 2), _layout(2), [np.array([0])], 0.75)
-    free, freely = outside(_reduced(x, y), _library([1.0] * 2), _layout(2), [], 0.75)
+    best, log = outside(_reduced(x, y), _library([1.0] * 2), _layout(2), [(np.array([0]), 0.75)])
+    free, freely = outside(_reduced(x, y), _library([1.0] * 2), _layout(2), [])
     assert best is not None and best.terms == (1,) and free is not None and 0 in free.terms
     assert freely > log + 20.0

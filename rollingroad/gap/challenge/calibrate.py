@@ -8,7 +8,7 @@
    that it also calibrates), over gap-free cases, singles and sensors at twice the limit and more, hidden cases and
    pairs, each kind with its own weight whatever the number of its cases.
 
-Nothing of a set that is scored later may be among these.
+The search starts at the shipped thresholds. Nothing of a set that is scored later may be among these.
 """
 
 import json
@@ -25,6 +25,7 @@ from rollingroad.gap.challenge.effects import same_class
 from rollingroad.gap.challenge.kept import read_evidence
 from rollingroad.gap.challenge.score import opened_key
 from rollingroad.gap.evidence import Hypotheses, Posterior, Thresholds, hypotheses, weighed
+from rollingroad.gap.thresholds import load
 from rollingroad.gap.trips import Layout, Library
 from vehicle_model.car.files import read_car
 
@@ -130,9 +131,9 @@ def log_score(cases: Sequence[tuple[Case, Hypotheses]], t: Thresholds) -> float:
 
 
 def calibrate(folders: Sequence[Path], start: Thresholds | None = None) -> dict[str, Any]:
-    """Return the content of `thresholds.json`, chosen on the sets in `folders`."""
+    """Return the content of `thresholds.json`, chosen on the sets in `folders` from `start` (the shipped ones)."""
     cases = [case for case in read_cases(folders) if case.kind is not None]
-    first = replace(start or Thresholds(), floor=floors(cases))
+    first = replace(start or load(), floor=floors(cases))
     ready = [(case, hypotheses(case.reduced, case.library, case.layout, case.hide, first)) for case in cases]
 
     def at(x: Any) -> Thresholds:
