@@ -44,6 +44,8 @@ SEEDS = (100, 101)
 """Drives of the league: no setting was chosen on them."""
 SHORT, LONG, STAND = 120.0, 720.0, 600.0
 """s of the drive that are used: for most faults, for the long outage; s of standstill put in."""
+GOING_ON = 60.0
+"""s that are driven on after the standstill."""
 SETTLED, BLOCK = 20.0, 10.0
 """s before which no error counts; s of a block of the bootstrap."""
 LOST = 10.0
@@ -128,11 +130,16 @@ def shortened(trip: Trip, duration: float) -> Trip:
     return replace(trip, channels={name: values[:count] for name, values in trip.channels.items()})
 
 
-def standing(trip: Trip, seconds: float) -> Trip:
-    """`trip` with `seconds` at standstill, engine idling, put in where it first stands after 20 s (else at its end)."""
+def first_stand(trip: Trip) -> int:
+    """The first sample after 20 s at which the car stands; the last one where it never does."""
     c = trip.channels
     still = np.flatnonzero((c["speed"] < 1e-3) & (c["time"] - c["time"][0] > SETTLED))
-    k = int(still[0]) if len(still) else len(c["time"]) - 1
+    return int(still[0]) if len(still) else len(c["time"]) - 1
+
+
+def standing(trip: Trip, seconds: float) -> Trip:
+    """`trip` with `seconds` more at standstill, engine idling, where it first stands after 20 s."""
+    c, k = trip.channels, first_stand(trip)
     count = round(seconds / trip.step)
     idle = c["speed"] < 1e-3
     power = float(np.median(c["fuel_power"][idle])) if idle.any() else 5e3
@@ -212,7 +219,8 @@ def prepared(case: Case, drive: Saved) -> tuple[Trip, SensorLog, RoadMap]:
     """The drive with the fault: truth, log and road map."""
     trip = shortened(drive.trip, case.duration)
     if case.stand:
-        trip = standing(trip, STAND)
+        until = max(case.duration, first_stand(drive.trip) * drive.trip.step + GOING_ON)
+        trip = standing(shortened(drive.trip, until), STAND)
     box = replace(drive.box, **case.box)
     log = decode(record(trip, drive.car, box, drive.seed))
     if case.log is not None:

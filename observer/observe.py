@@ -255,22 +255,34 @@ class Hindsight(NamedTuple):
 def without_spikes(packets: NDArray[np.float64], forward: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return `packets` (n, COLUMNS) with readings of the accelerometer that stand out alone made NaN.
 
-    Alone: along `forward` (3,), the car's x in the sensor's axes, on the same side of both neighbours by `SPIKE`, or by
-    `SPIKE_DEVIATIONS` of the readings around it if that is more. What moves a car lasts longer than one reading.
+    Alone: along `forward` (3,), the car's x in the sensor's axes, or in length, on the same side of both neighbours by
+    `SPIKE`, or by `SPIKE_DEVIATIONS` of the readings around it if that is more. What moves a car lasts longer than one
+    reading. The forward axis is looked at twice: of two spikes in a row the second stands alone once the first is gone,
+    unless they are alike.
     """
     place = np.flatnonzero(packets[:, 1] == kernel.ACCELEROMETER)
-    if len(place) < 3:
-        return packets
-    with np.errstate(all="ignore"):
-        step = np.diff(packets[place, 2:5] @ forward)
-        before, after = step[:-1], -step[1:]
-        # white noise of deviation s makes the sum of both differences scatter by s times the root of 6
-        usual = median_filter(np.nan_to_num(np.abs(before + after)), SPIKE_WINDOW, mode="nearest")
-        least = np.maximum(SPIKE, SPIKE_DEVIATIONS * usual / (0.6745 * math.sqrt(6.0)))
-        alone = (np.minimum(before, after) > least) | (np.maximum(before, after) < -least)
     clean = packets.copy()
-    clean[place[1:-1][alone], 2:5] = math.nan
+    with np.errstate(all="ignore"):
+        readings = packets[place, 2:5]
+        ahead, length = readings @ forward, np.sqrt(np.sum(readings * readings, axis=1))
+        left = np.arange(len(place))
+        for values in (ahead, length, ahead):
+            alone = 1 + np.flatnonzero(_stands_out(values[left]))
+            clean[place[left[alone]], 2:5] = math.nan
+            left = np.delete(left, alone)
     return clean
+
+
+def _stands_out(values: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether each of `values` (n,), the ends left out, lies alone on one side of both its neighbours: (n - 2,)."""
+    if len(values) < 3:
+        return np.zeros(0, bool)
+    step = np.diff(values)
+    before, after = step[:-1], -step[1:]
+    # white noise of deviation s makes the sum of both differences scatter by s times the root of 6
+    usual = median_filter(np.nan_to_num(np.abs(before + after)), SPIKE_WINDOW, mode="nearest")
+    least = np.maximum(SPIKE, SPIKE_DEVIATIONS * usual / (0.6745 * math.sqrt(6.0)))
+    return (np.minimum(before, after) > least) | (np.maximum(before, after) < -least)
 
 
 def hindsight(packets: NDArray[np.float64], fresh: kernel.Filter) -> Hindsight:

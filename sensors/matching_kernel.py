@@ -19,7 +19,10 @@ LINK, BACKWARDS, U, VARIANCE, WEIGHT, NEXT, COST, FIXES = range(8)
 HYPOTHESIS = 8
 # Places in the state vector.
 COUNT, LAST_T, LAST_D, SPEED, OFFSET, OFFSET_T, RING_AT, LAST_LINK, LAST_POINT, LAST_SPAWN, LAST_U = range(11)
+FIX_NORTH, FIX_EAST, FIX_D = 11, 12, 13
 STATE = 16
+STUCK = 3.0
+"""m driven since a fix that is only told again: its receiver is stuck."""
 RING = 256
 OUTPUT = 11
 # What compiles fast matters: the first run waits for it. INNER has no way in from Python, where calling it would crash.
@@ -275,6 +278,10 @@ def match(events, state, hyp, ring, start, pn, pe, ps, seg_link, link_ends, jsta
         else:
             north, east, utc = events[e, 2], events[e, 3], events[e, 4]
             speed, course, hdop = events[e, 5], events[e, 6], events[e, 7]
+            if north != state[FIX_NORTH] or east != state[FIX_EAST]:
+                state[FIX_NORTH], state[FIX_EAST], state[FIX_D] = north, east, state[LAST_D]
+            elif state[LAST_D] - state[FIX_D] > STUCK:
+                continue
             # The clocks' offset is the least of arrival - utc so far; it may creep by 50 ppm.
             offset = t - utc
             crept = state[OFFSET] + 50e-6 * max(0.0, t - state[OFFSET_T])

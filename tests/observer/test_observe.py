@@ -317,6 +317,26 @@ def test_noise_is_no_spike(log):
     assert np.isnan(clean[:, 2]).sum() - np.isnan(packets[:, 2]).sum() < 1e-3 * len(acc)
 
 
+def test_two_spikes_in_a_row_are_two_spikes(log):
+    """Given two absurd readings in a row, not alike, then both are left out, and nothing of what is around them."""
+    acc = log["accelerometer"].copy()
+    acc["x"][500], acc["x"][501] = acc["x"][499] + 12.0, acc["x"][499] + 6.0
+    packets, _ = prepare(changed(log, accelerometer=acc))
+    clean = without_spikes(packets, np.array([1.0, 0.0, 0.0]))
+    left_out = np.flatnonzero(np.isnan(clean[:, 2]) & np.isfinite(packets[:, 2]))
+    np.testing.assert_array_equal(packets[left_out, 2], acc["x"][500:502])
+
+
+def test_a_spike_across_the_car_is_a_spike(log):
+    """Given one reading that is absurd upwards and harmless forwards, then all of it is left out."""
+    acc = log["accelerometer"].copy()
+    acc["z"][500] -= 15.0
+    packets, _ = prepare(changed(log, accelerometer=acc))
+    clean = without_spikes(packets, np.array([1.0, 0.0, 0.0]))
+    left_out = np.flatnonzero(np.isnan(clean[:, 2]) & np.isfinite(packets[:, 2]))
+    np.testing.assert_array_equal(packets[left_out, 4], acc["z"][500:501])
+
+
 def test_spikes_of_the_accelerometer_are_no_brakes(log, truth, estimate):
     """Given 2 % of readings at random within 2 g, then thrust is hardly worse, live and in hindsight."""
     rng = np.random.default_rng(12)

@@ -11,6 +11,7 @@ from trips import drive_along, smart, winding_route
 from sensors import quadtile
 from sensors.box import BoxSettings, record
 from sensors.elevation import altitude_profile
+from sensors.log import SensorLog
 from sensors.matching import Matcher, events, observations
 from sensors.packets import decode
 from sensors.projection import to_geodetic, to_local
@@ -52,6 +53,20 @@ def test_matching_goes_on_in_the_tunnel_by_odometer_alone(driven):
     _, trip, _, _, _, found = driven
     s = np.interp(found["t"], trip.time, trip.distance)
     assert ((s > 3020.0) & (s < 3480.0)).sum() >= 8
+
+
+def test_a_receiver_that_is_stuck_holds_the_car_nowhere(driven):
+    """Given the same fix again and again for a minute, then what is passed is told as by the odometer alone."""
+    _, trip, car, road, log, _ = driven
+    fixes = log["gps"].copy()
+    stuck = np.flatnonzero((fixes["t"] > 60.0) & (fixes["t"] < 120.0))
+    for name in ("latitude", "longitude", "altitude", "speed", "course"):
+        fixes[name][stuck] = fixes[name][stuck[0] - 1]
+    found = observations(SensorLog({**log.streams, "gps": fixes}), road, car.metres_per_tick)
+    while_stuck = found[(found["t"] > 62.0) & (found["t"] < 125.0)]
+    assert while_stuck.size > 10
+    off = while_stuck["altitude"] - np.interp(while_stuck["t"], trip.time, trip.altitude)
+    assert np.abs(off / while_stuck["altitude_sigma"]).max() < 4.0
 
 
 def test_what_is_passed_is_known_only_after_it_was_passed(driven):
