@@ -267,7 +267,7 @@ def page(found: dict[str, Any]) -> str:
         "# The league of filters",
         "",
         "The compiled observer, and filters of `observer.family`, under one fault at a time, on held-out seeds of the"
-        f" scenario `{SCENARIO}`: the first {SHORT:.0f} s, {LONG:.0f} s for the long outage; where the car first stands,"
+        f" scenario `{SCENARIO}`: the first {SHORT:.0f} s, {LONG:.0f} s for the long outage; where it first stands,"
         f" ten minutes of standstill are put in, and {GOING_ON:.0f} s follow.",
         "Thrust error in per cent of the thrust's rms, while the engine drives, from 20 s on, with its 95 % interval by"
         " bootstrap over blocks of 10 s. *Lost*: not a number, or more than ten times the thrust. Cost: processor"
