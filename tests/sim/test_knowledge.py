@@ -97,6 +97,8 @@ def test_the_follower_leaves_to_a_person_who_acts_late_what_he_does_better_himse
     late = AdviceFollower(flat_advice(0.2), delay=0.8, tells_gears=False)
     free = late.advise(view())
     assert free is not None and free.gear == 0 and free.acceleration == pytest.approx(0.2)
+    soon = late.advise(view(distance=490.0))
+    assert soon is not None and soon.acceleration == pytest.approx(0.3), "the policy of 502 m, where he will be"
     assert late.advise(view(leader_gap=50.0, leader_speed=15.0)) is None
     assert AdviceFollower(flat_advice(0.2)).advise(view(leader_gap=50.0, leader_speed=15.0)) is not None
     braking = flat_advice(-1.0)
