@@ -68,10 +68,16 @@ class Followed:
     comparison: Comparison
 
 
-def drive_scenario(task: Task, network: Network, advice: Advice | None = None, *, perfect: bool = False) -> Drive:
+def drive_scenario(
+    task: Task, network: Network, advice: Advice | None = None, *, perfect: bool = False, tells_gears: bool = True
+) -> Drive:
     """The arrow `drive`: the task's car in the task's traffic, with or without advice. Runs in a worker."""
     delay = 0.0 if perfect else DELAY
-    advisor = None if advice is None else AdviceFollower(advice, begin=ADVICE_BEGINS, delay=delay)
+    advisor = (
+        None
+        if advice is None
+        else AdviceFollower(advice, begin=ADVICE_BEGINS, delay=delay, tells_gears=tells_gears or perfect)
+    )
     return drive(task.scenario, task.car, task.seed, advisor=advisor, network=network, perfect=perfect)
 
 
@@ -170,15 +176,21 @@ def follow(
     prices: tuple[float, float],
     *,
     perfect: bool = False,
+    tells_gears: bool = True,
 ) -> Followed:
-    """The arrows `plan` and `drive` again, at prices of time that bracket the baseline's trip time, then `compare`."""
+    """The arrows `plan` and `drive` again, at prices of time that bracket the baseline's trip time, then `compare`.
+
+    `tells_gears`: whether the driver is told gears too (`sim.shift_habit.gears_are_worth_telling`).
+    """
     cost = consumption(baseline, task.car)
     drives: list[Drive] = []
     advices: list[Advice] = []
 
     def at(prices: Sequence[float]) -> list[Consumption]:
         plans = [plan_drive(road, table, task.car, baseline.trip, price) for price in prices]
-        pending = [pool.submit(drive_scenario, task, network, plan, perfect=perfect) for plan in plans]
+        pending = [
+            pool.submit(drive_scenario, task, network, plan, perfect=perfect, tells_gears=tells_gears) for plan in plans
+        ]
         done = [future.result() for future in pending]
         for advised in done:
             assert_same_until_advice(baseline, advised)

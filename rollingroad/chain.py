@@ -18,6 +18,7 @@ from rollingroad.workers import executor
 from sim.full_load import enriched
 from sim.network import build
 from sim.road_ahead import road_ahead
+from sim.shift_habit import gears_are_worth_telling
 
 
 def run_chain(
@@ -62,7 +63,8 @@ def run_chain(
         watch.lap("plan")
 
         tell("driving again, with advice")
-        advised = follow(pool, task, network, baseline, road, enriched(learnt.fuel_map), prices)
+        told = gears_are_worth_telling(estimate, learnt.fuel_map, task.car)
+        advised = follow(pool, task, network, baseline, road, enriched(learnt.fuel_map), prices, tells_gears=told)
         tell("driving again, as the oracle would")
         oracle = oracle_started.get().result()
         watch.lap("drive")

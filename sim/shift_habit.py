@@ -7,8 +7,10 @@ own drive, as the observer saw it, says that they have something to gain.
 
 import numpy as np
 
-from controller.drive_table import LEVELS, DriveTable
+from controller.drive_table import LEVELS, DriveTable, drive_table
+from observer.efficiency_map import FuelMap
 from observer.estimate import Estimate
+from vehicle_model.car.parameters import Car
 
 MATCH = 0.06
 """Relative: engine speed over road speed this near to a gear's ratio is that gear, engaged."""
@@ -40,3 +42,9 @@ def wasted_by_gears(estimate: Estimate, table: DriveTable) -> float:
     own, best, speed = own[seen], best[seen], speed[seen]
     spent = float(np.sum(own * speed))
     return float(np.sum(np.maximum(own - best, 0.0) * speed)) / spent if spent > 0.0 else 0.0
+
+
+def gears_are_worth_telling(estimate: Estimate, found: FuelMap, car: Car) -> bool:
+    """Whether the drive that `estimate` shows wasted more than `WORTH` by its gears, on the map `found`."""
+    table = drive_table(found, car, speed_top=float(estimate.column("speed").max()) + 1.0)
+    return wasted_by_gears(estimate, table) > WORTH

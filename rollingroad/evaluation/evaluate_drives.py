@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from controller.advice import Advice
-from controller.drive_table import drive_table, fuel_power
+from controller.drive_table import fuel_power
 from controller.route import Comfort
 from observer.efficiency_map import FuelMap
 from observer.observe import observe
@@ -41,7 +41,7 @@ from sim.drive import Drive, drive
 from sim.full_load import enriched
 from sim.network import build
 from sim.road_ahead import road_ahead
-from sim.shift_habit import WORTH, wasted_by_gears
+from sim.shift_habit import gears_are_worth_telling
 from sim.true_efficiency import true_efficiency
 from sim.truth import true_fuel_map
 from vehicle_model.car.files import read_car
@@ -159,7 +159,6 @@ def _known(key: str) -> _Before:
     sensed = sense(task, baseline)
     estimate = observe(sensed.log, task.car, sensed.road_map)
     learnt = map_found([estimate], task.car)
-    table = drive_table(learnt.fuel_map, task.car, speed_top=float(estimate.column("speed").max()) + 1.0)
     road = road_ahead(baseline.route, sensed.road_map)
     speeds = baseline.trip.channels["speed"]
     known = Context(
@@ -169,7 +168,7 @@ def _known(key: str) -> _Before:
         start_speed=float(speeds[0]),
         end_speed=float(speeds[-1]),
         begin=ADVICE_BEGINS,
-        tells_gears=wasted_by_gears(estimate, table) > WORTH,
+        tells_gears=gears_are_worth_telling(estimate, learnt.fuel_map, task.car),
     )
     price, _ = first_prices(road, learnt.fuel_map, task.car, baseline.trip)
     return _Before(

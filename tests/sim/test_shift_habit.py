@@ -5,7 +5,7 @@ import pytest
 
 from controller.drive_table import DriveTable, drive_table
 from observer.estimate import STATES, Estimate
-from sim.shift_habit import FULL, WORTH, wasted_by_gears
+from sim.shift_habit import FULL, WORTH, gears_are_worth_telling, wasted_by_gears
 from sim.truth import true_fuel_map
 from vehicle_model.car.parameters import Car
 
@@ -48,3 +48,12 @@ def test_a_clutch_that_slips_a_standing_car_and_a_rolling_one_say_nothing_of_his
     speed = np.array([10.0, 0.0, 15.0])
     found = wasted_by_gears(estimate(speed, np.array([300.0, 300.0, -200.0]), np.array([999.0, 90.0, 300.0])), table)
     assert found == 0.0
+
+
+def test_gears_are_told_to_who_wastes_by_them_and_not_to_who_does_not(car: Car) -> None:
+    """Given 50 km/h held in second and in sixth gear, then the first is told gears."""
+    found, speed = true_fuel_map(car), 13.9
+    ratio = drive_table(found, car, speed_top=35.0, nodes=400).ratio
+    steady, pull = np.full(50, speed), np.full(50, 250.0)
+    assert gears_are_worth_telling(estimate(steady, pull, ratio[1] * steady), found, car)
+    assert not gears_are_worth_telling(estimate(steady, pull, ratio[-1] * steady), found, car)
