@@ -7,6 +7,7 @@ leaves of its signal is larger than many an effect, and would be named beside it
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,10 +37,10 @@ def tuned(
 
     middle = 1.0 / variant.shape["ac_cycling.period"]
     frequencies = middle + np.linspace(-0.5, 0.5, STEPS) / COHERENT
-    fits = [best(lambda t, s, f=f: _sine(t, s, f)) for f in frequencies]
+    fits = [best(partial(_sine, frequency=float(f))) for f in frequencies]
     number = int(np.argmax([f.log_bayes for f in fits]))
     frequency, phase = float(frequencies[number]), float(np.arctan2(fits[number].value[2], fits[number].value[1]))
-    squares = [best(lambda t, s, d=d: _square(t, s, frequency, phase, d)) for d in DUTIES]
+    squares = [best(partial(_square, frequency=frequency, phase=phase, duty=d)) for d in DUTIES]
     duty = DUTIES[int(np.argmax([f.log_bayes for f in squares]))]
     return [_square(t, s, frequency, phase, duty) for t, s in zip(trips, steady, strict=True)]
 
@@ -47,12 +48,12 @@ def tuned(
 def _fit(
     columns: Sequence[Array], whitened: Sequence[Whitened], layout: Layout, calibration: Calibration, variant: Variant
 ) -> Fit:
-    n, gram = layout.nuisance, 0.0
+    n, grams = layout.nuisance, []
     for own, w in zip(columns, whitened, strict=True):
         rows = np.concatenate([w.rows[:, :n], w.apply(own), w.rows[:, -1:]], axis=1)
-        gram = gram + marginal_gram(rows, w.own, w.own_sd)
+        grams.append(marginal_gram(rows, w.own, w.own_sd))
     count = len(variant.columns)
-    reduced = reduce(np.asarray(gram), replace(layout, effects=count, generics=0), calibration)
+    reduced = reduce(np.sum(grams, axis=0), replace(layout, effects=count, generics=0), calibration)
     return fit(reduced, list(range(count)), np.array([c.sd for c in variant.columns]))
 
 

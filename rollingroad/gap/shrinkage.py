@@ -75,9 +75,6 @@ def shrink(
     reductions = [reduce(total - w.gram if held else total, layout, calibration) for w in whitened]
     whole = reduce(total, layout, calibration)
 
-    def errors(index: NDArray, deviations: Array, fits: Sequence[Reduced]) -> Array:
-        return np.array([_left(c, r, index, deviations) for c, r in zip(cases, fits, strict=True)])
-
     before = np.array([_rms(c, c.residual) for c in cases])
     # terms are sought and their coefficients averaged without the trip that is judged
     general = layout.effects + np.arange(layout.generics)
