@@ -217,10 +217,12 @@ def share(squares: list[tuple[Array, Array, Array]]) -> dict[str, float | None]:
 
 def prepared(case: Case, drive: Saved) -> tuple[Trip, SensorLog, RoadMap]:
     """The drive with the fault: truth, log and road map."""
-    trip = shortened(drive.trip, case.duration)
+    duration = case.duration
     if case.stand:
-        until = max(case.duration, first_stand(drive.trip) * drive.trip.step + GOING_ON)
-        trip = standing(shortened(drive.trip, until), STAND)
+        duration = max(duration, first_stand(drive.trip) * drive.trip.step + GOING_ON)
+    trip = shortened(drive.trip, duration)
+    if case.stand:
+        trip = standing(trip, STAND)
     box = replace(drive.box, **case.box)
     log = decode(record(trip, drive.car, box, drive.seed))
     if case.log is not None:

@@ -159,10 +159,10 @@ def measurement(kind: int, x: Any, car: Car, aux: float = 0.0, m: ModuleType = m
     v, psi, theta = x[V], x[PSI], x[THETA]
     if kind == DISTANCE:
         return x[X]
-    if kind == ACCELERATION_X:
-        return (1.0 + squat) * acceleration(x, car, m) + car.gravity * m.sin(theta) + x[BX]
-    if kind == OPEN_CLUTCH:
-        a = acceleration(x, car, m) + (open_thrust(v, car) - x[F]) / car.accelerated_mass
+    if kind in (ACCELERATION_X, OPEN_CLUTCH):
+        a = acceleration(x, car, m)
+        if kind == OPEN_CLUTCH:
+            a += (open_thrust(v, car) - x[F]) / car.accelerated_mass
         return (1.0 + squat) * a + car.gravity * m.sin(theta) + x[BX]
     if kind == ACCELERATION_X_THESIS:
         return acceleration(x, car, m) + car.mass / car.accelerated_mass * car.gravity * m.sin(theta) + x[BX]
@@ -209,17 +209,15 @@ def measurement_jacobian(
     """H = dh/dx of the scalar measurement `kind`, shape (17,) (17 columns: ERRATA on the printed 18)."""
     v, psi, theta = x[V], x[PSI], x[THETA]
     h = np.zeros(17)
-    if kind in (ACCELERATION_X, ACCELERATION_X_THESIS):
-        h += (1.0 + squat if kind == ACCELERATION_X else 1.0) * acceleration_gradient(x, car)
-        share = 1.0 if kind == ACCELERATION_X else car.mass / car.accelerated_mass
+    if kind in (ACCELERATION_X, ACCELERATION_X_THESIS, OPEN_CLUTCH):
+        as_printed = kind == ACCELERATION_X_THESIS
+        h += (1.0 if as_printed else 1.0 + squat) * acceleration_gradient(x, car)
+        share = car.mass / car.accelerated_mass if as_printed else 1.0
         h[THETA] += share * car.gravity * math.cos(theta)
         h[BX] = 1.0
-    elif kind == OPEN_CLUTCH:
-        h += (1.0 + squat) * acceleration_gradient(x, car)
-        h[F] = 0.0
-        h[V] += (1.0 + squat) * (open_thrust(1.0, car) - open_thrust(0.0, car)) / car.accelerated_mass
-        h[THETA] += car.gravity * math.cos(theta)
-        h[BX] = 1.0
+        if kind == OPEN_CLUTCH:
+            h[F] = 0.0
+            h[V] += (1.0 + squat) * (open_thrust(1.0, car) - open_thrust(0.0, car)) / car.accelerated_mass
     elif kind == ACCELERATION_Y:
         h[V], h[SJ], h[BY] = -2.0 * x[SJ] * v, -v * v, 1.0
     elif kind == ACCELERATION_Z:

@@ -24,8 +24,10 @@ from sensors.packets import decode
 from sensors.roadmap import RoadMap, from_route
 from sim.advisor import DELAY, AdviceFollower
 from sim.drive import Drive, drive
+from sim.full_load import enriched
 from sim.network import Network
 from sim.road_ahead import road_ahead
+from sim.shift_habit import gears_are_worth_telling
 from sim.truth import true_fuel_map
 from vehicle_model.car.errors import BadInput
 from vehicle_model.car.parameters import Car
@@ -72,11 +74,10 @@ def drive_scenario(
     task: Task, network: Network, advice: Advice | None = None, *, perfect: bool = False, tells_gears: bool = True
 ) -> Drive:
     """The arrow `drive`: the task's car in the task's traffic, with or without advice. Runs in a worker."""
-    delay = 0.0 if perfect else DELAY
     advisor = (
         None
         if advice is None
-        else AdviceFollower(advice, begin=ADVICE_BEGINS, delay=delay, tells_gears=tells_gears or perfect)
+        else AdviceFollower(advice, begin=ADVICE_BEGINS, delay=0.0 if perfect else DELAY, tells_gears=tells_gears)
     )
     return drive(task.scenario, task.car, task.seed, advisor=advisor, network=network, perfect=perfect)
 
@@ -200,6 +201,21 @@ def follow(
 
     costs = search_bracket(at, cost.time, prices)
     return Followed(drives, advices, compare(cost, costs, trip_efficiency(baseline.trip)))
+
+
+def follow_what_was_learnt(
+    pool: Executor,
+    task: Task,
+    network: Network,
+    baseline: Drive,
+    road: RoadAhead,
+    estimate: Estimate,
+    found: FuelMap,
+    prices: tuple[float, float],
+) -> Followed:
+    """`follow` on the map `found`, rich near full load; gears are told where the drive of `estimate` wasted by them."""
+    told = gears_are_worth_telling(estimate, found, task.car)
+    return follow(pool, task, network, baseline, road, enriched(found), prices, tells_gears=told)
 
 
 def assert_same_until_advice(baseline: Drive, advised: Drive) -> None:

@@ -9,16 +9,14 @@ from time import perf_counter
 from typing import Any
 
 from observer.observe import observe
-from rollingroad.arrows import drive_scenario, first_prices, follow, follow_as_oracle, map_found, sense
+from rollingroad.arrows import drive_scenario, first_prices, follow_as_oracle, follow_what_was_learnt, map_found, sense
 from rollingroad.folder import Stopwatch, whole_folder
 from rollingroad.products import Products, write_products
 from rollingroad.task import Task
 from rollingroad.warm_up import warm_up_observer, warm_up_planner
 from rollingroad.workers import executor
-from sim.full_load import enriched
 from sim.network import build
 from sim.road_ahead import road_ahead
-from sim.shift_habit import gears_are_worth_telling
 
 
 def run_chain(
@@ -63,8 +61,7 @@ def run_chain(
         watch.lap("plan")
 
         tell("driving again, with advice")
-        told = gears_are_worth_telling(estimate, learnt.fuel_map, task.car)
-        advised = follow(pool, task, network, baseline, road, enriched(learnt.fuel_map), prices, tells_gears=told)
+        advised = follow_what_was_learnt(pool, task, network, baseline, road, estimate, learnt.fuel_map, prices)
         tell("driving again, as the oracle would")
         oracle = oracle_started.get().result()
         watch.lap("drive")

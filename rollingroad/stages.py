@@ -15,8 +15,8 @@ from observer.observe import observe
 from rollingroad.arrows import (
     drive_scenario,
     first_prices,
-    follow,
     follow_as_oracle,
+    follow_what_was_learnt,
     map_found,
     plan_drive,
     sense,
@@ -34,7 +34,6 @@ from sim.full_load import enriched
 from sim.network import build
 from sim.road_ahead import road_ahead
 from sim.route import true_route
-from sim.shift_habit import gears_are_worth_telling
 from sim.true_efficiency import true_efficiency
 from vehicle_model.car.errors import BadInput
 from vehicle_model.car.files import read_car, write_car
@@ -135,8 +134,7 @@ def compare_run(
         road = road_ahead(baseline.route, sensed.road_map)
         prices = first_prices(road, learnt.fuel_map, task.car, baseline.trip)
         tell("driving again, with advice")
-        told = gears_are_worth_telling(estimate, learnt.fuel_map, task.car)
-        advised = follow(pool, task, network, baseline, road, enriched(learnt.fuel_map), prices, tells_gears=told)
+        advised = follow_what_was_learnt(pool, task, network, baseline, road, estimate, learnt.fuel_map, prices)
         tell("driving again, as the oracle would")
         oracle = follow_as_oracle(task, network, baseline)
         watch.lap("drive")

@@ -103,6 +103,11 @@ class Advisor(Protocol):
         ...
 
 
+def keeps_his_distance(view: View, acceleration: float) -> bool:
+    """Whether who acts late had better be told nothing: he follows a car, and is not asked to lift off."""
+    return view.leader_gap < FOLLOWING * view.speed and acceleration > LIFTING
+
+
 @dataclass(frozen=True)
 class AdviceFollower:
     """Follows the policy of a plan: (s, v) -> acceleration, gear, costate; glides to what stands in the way."""
@@ -127,11 +132,10 @@ class AdviceFollower:
             return None
         acceleration, gear, costate = self.advice.action(view.distance + self.delay * view.speed, view.speed)
         gear = gear if self.tells_gears else 0
-        if self.delay > 0.0:
-            follows = view.leader_gap < FOLLOWING * view.speed and acceleration > LIFTING
-            if acceleration < -HIS_OWN or (follows and not (self.glide and worth_gliding(view))):
-                return None
-        if self.glide and acceleration > -COAST and worth_gliding(view):
+        glides = self.glide and worth_gliding(view)
+        if self.delay > 0.0 and (acceleration < -HIS_OWN or (keeps_his_distance(view, acceleration) and not glides)):
+            return None
+        if glides and acceleration > -COAST:
             return Suggestion(-COAST, view.gear, costate, coast=True)
         return Suggestion(acceleration, gear, costate)
 

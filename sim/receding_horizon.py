@@ -21,7 +21,7 @@ import numpy as np
 from controller.advice import Advice, RoadAhead
 from controller.drive_table import DriveTable, drive_table
 from controller.route import Comfort, plan_route
-from sim.advisor import COAST, FOLLOWING, HIS_OWN, LIFTING, Context, Suggestion, View
+from sim.advisor import COAST, HIS_OWN, Context, Suggestion, View, keeps_his_distance
 from sim.signal_timing import ABOVE, SETTLE, Timing, slower, timing
 from vehicle_model.car.errors import BadInput
 
@@ -119,7 +119,7 @@ class RecedingHorizon:
             gear = gear if rolls or not self.context.tells_gears else self._steady_gear(view)
             return Suggestion(acceleration, gear, costate, coast=rolls)
         late = self.context.delay > 0.0  # who acts at once is better told all of it
-        if late and view.leader_gap < FOLLOWING * view.speed and acceleration > LIFTING:
+        if late and keeps_his_distance(view, acceleration):
             # Who follows a car gains no time by haste: he keeps his distance himself, and better than by arrows.
             return Suggestion(0.0, self._steady_gear(view), costate, free=True) if self.context.tells_gears else None
         if late and acceleration < -HIS_OWN:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rollingroad.gap.channels import CHANNELS, REGIMES
 from rollingroad.gap.design import FUEL, LONGER, Noise, default_noise, log_likelihood
-from rollingroad.gap.trips import Layout, Library, Trip, Whitened, stack, whiten
+from rollingroad.gap.trips import Layout, Library, Trip, Whitened, settled, stack, total_gram, whiten
 
 Array = NDArray[np.float64]
 
@@ -55,10 +55,8 @@ def tamed(trips: Sequence[Trip], residuals: Sequence[Array]) -> list[Trip]:
 
 def unexplained(w: Whitened, layout: Layout, calibration: "Calibration") -> Array:
     """Whitened residual with the calibration taken off and the trip's own and the tolerances fitted away."""
-    c, n = len(layout.calibration), layout.nuisance
-    own = np.concatenate([w.rows[:, c:n] * layout.tolerance_sd, w.own * w.own_sd], axis=1)
-    left = w.rows[:, -1] - w.rows[:, :c] @ calibration.mean
-    return left - own @ np.linalg.solve(np.eye(own.shape[1]) + own.T @ own, own.T @ left)
+    left, _ = settled(w, layout, w.rows[:, -1] - w.rows[:, : len(layout.calibration)] @ calibration.mean)
+    return left
 
 
 @dataclass(frozen=True)
@@ -138,11 +136,11 @@ def calibrate(
         if len(done) > 1 or coarse:
             noise = _rescaled(noise, reference, done, layout, leave_out=not coarse)
         if not coarse:
-            total = sum((w.gram for w in done), np.zeros_like(done[0].gram))
+            total = total_gram(done)
             known = Calibration(*_information(total, layout), noise, 1.0, len(reference))
             reference = tamed(reference, [unexplained(w, layout, known) for w in done])
     done = [whiten(trip, layout, noise) for trip in reference]
-    total = sum((w.gram for w in done), np.zeros_like(done[0].gram))
+    total = total_gram(done)
     information, vector = _information(total, layout)
     dispersion = 1.0 if coarse else _dispersion(done, layout, library)
     return Calibration(information, vector, noise, dispersion, len(reference))
@@ -152,7 +150,7 @@ def _rescaled(
     noise: Noise, trips: Sequence[Trip], done: Sequence[Whitened], layout: Layout, *, leave_out: bool
 ) -> Noise:
     """Noise scales from leave-one-trip-out residuals, drawn towards the first idea where blocks are few."""
-    total = sum((w.gram for w in done), np.zeros_like(done[0].gram))
+    total = total_gram(done)
     n = layout.nuisance
     squares, counts = np.zeros_like(noise.scale), np.zeros_like(noise.scale)
     plain: list[Array] = []
@@ -160,11 +158,9 @@ def _rescaled(
         information, vector = _information(total - w.gram if leave_out else total, layout)
         c = len(layout.calibration)
         # tolerances and the trip's own are fitted to the left-out trip itself
-        own = np.concatenate([w.rows[:, c:n] * layout.tolerance_sd, w.own * w.own_sd], axis=1)
         mean = np.linalg.solve(information, vector)
-        left = w.rows[:, -1] - w.rows[:, :c] @ mean
-        free = np.linalg.solve(np.eye(own.shape[1]) + own.T @ own, own.T @ left)
-        residual = np.clip(left - own @ free, -5.0, 5.0)
+        left, free = settled(w, layout, w.rows[:, -1] - w.rows[:, :c] @ mean)
+        residual = np.clip(left, -5.0, 5.0)
         rows = stack(trip, layout)
         known = np.concatenate([rows[:, c:n] * layout.tolerance_sd, trip.own.matrix * trip.own.sd], axis=1)
         plain.append((rows[:, -1] - rows[:, :c] @ mean - known @ free) / trip.p.layout.sigma)
@@ -246,7 +242,7 @@ def _dispersion(done: Sequence[Whitened], layout: Layout, library: Library) -> f
     """Mean squared score of the effects on reference trips left out in turn: 1 if the noise model holds."""
     if len(done) < 2:
         return 1.5
-    total = sum((w.gram for w in done), np.zeros_like(done[0].gram))
+    total = total_gram(done)
     scores: list[float] = []
     for w in done:
         information, vector = _information(total - w.gram, layout)

@@ -25,7 +25,7 @@ from rollingroad.gap.result import as_json
 from rollingroad.gap.road import Road
 from rollingroad.gap.shrinkage import Shrinkage, leading, shrink
 from rollingroad.gap.thresholds import load as load_thresholds
-from rollingroad.gap.trips import Layout, Library, Trip, columns_of, layout_of, whiten
+from rollingroad.gap.trips import Layout, Library, Trip, columns_of, layout_of, marginal_gram, total_gram, whiten
 from rollingroad.gap.where import EARLY, Place, locate
 from sensors.log import SensorLog
 from vehicle_model.car.errors import BadInput
@@ -119,8 +119,7 @@ def _restart(d: Diagnosis, rest: float, log: SensorLog, road: Road | None) -> Re
         gram = whiten(trip, d.layout, d.calibration.noise).gram
         reduced = reduce(gram, d.layout, d.calibration)
         variant, before = d.posterior.fits[effect]
-        place = next(q for v, q in zip(d.library.variants, d.library.places, strict=True) if v is variant)
-        index = np.arange(place.start, place.stop)
+        index = d.library.index_of(variant)
         # the first start's course, scaled: one coefficient, 1 as large as then
         direction = before.value
         information = float(direction @ reduced.information[np.ix_(index, index)] @ direction)
@@ -172,12 +171,12 @@ def weigh(
             if told:
                 thresholds = replace(thresholds, floor={**thresholds.floor, **_foreign_floor(library)})
         trips, whitened = doubted(trips, layout, calibration, coarse=coarse)
-        gram = sum((w.gram for w in whitened), np.zeros_like(whitened[0].gram))
+        gram = total_gram(whitened)
         reduced = reduce(gram, layout, calibration)
         posterior = evidence.posterior(reduced, library, layout, hide, thresholds)
         for _ in range(REFITS if posterior.none < 0.9 else 0):
             trips, whitened = refit(trips, whitened, layout, calibration, library, posterior, car)
-            gram = sum((w.gram for w in whitened), np.zeros_like(whitened[0].gram))
+            gram = total_gram(whitened)
             reduced = reduce(gram, layout, calibration)
             posterior = evidence.posterior(reduced, library, layout, hide, thresholds)
         where = locate(trips, whitened, layout, calibration, posterior, library, reduced)
@@ -213,7 +212,7 @@ def _without_reference(
     for freedom in FREEDOM:
         calibration = calibrate([], layout, library, coarse=coarse, freedom=freedom)
         _, whitened = doubted(trips, layout, calibration, coarse=coarse)
-        gram = sum((w.gram for w in whitened), np.zeros_like(whitened[0].gram))
+        gram = total_gram(whitened)
         reduced = reduce(gram, layout, calibration)
         h = evidence.hypotheses(reduced, library, layout, hide, thresholds, pairs=False)
         gain = max([0.0, *h.singles.values()])
@@ -247,8 +246,7 @@ def _controls(trips, whitened, layout, calibration, library, posterior) -> dict[
         return {}
     leading = max(posterior.singles, key=lambda e: posterior.singles[e])
     variant = posterior.fits[leading][0]
-    place = dict(zip((id(v) for v in library.variants), library.places, strict=True))[id(variant)]
-    index = np.arange(place.start, place.stop)
+    index = library.index_of(variant)
     own = posterior.fits[leading][1].log_bayes
     rng = np.random.default_rng(0)
     out = {}
@@ -268,10 +266,7 @@ def _controls(trips, whitened, layout, calibration, library, posterior) -> dict[
                     if len(far):
                         take = far[np.linspace(0, len(far) - 1, len(at)).astype(int)][:: -1 if other == number else 1]
                         rows[np.ix_(at, columns)] = whitened[other].rows[np.ix_(take, columns)]
-            scaled = w.own * w.own_sd
-            middle = np.linalg.inv(np.eye(scaled.shape[1]) + scaled.T @ scaled)
-            cross = scaled.T @ rows
-            gram += rows.T @ rows - cross.T @ middle @ cross
+            gram += marginal_gram(rows, w.own, w.own_sd)
         r = reduce(gram, layout, calibration)
         out[name] = fit(r, index, library.sd[index]).log_bayes / max(own, 1.0)
     return out

@@ -60,16 +60,14 @@ def separators(effects: Sequence[str]) -> list[str]:
 
 def class_of(effect: str, posterior: Posterior, reduced: Reduced, library: Library) -> list[str]:
     """Effects that these trips do not separate from `effect`: nearly the same signature, or nearly as probable."""
-    places = dict(zip((id(v) for v in library.variants), library.places, strict=True))
     own_variant, own = posterior.fits[effect]
-    index = np.arange(places[id(own_variant)].start, places[id(own_variant)].stop)
+    index = library.index_of(own_variant)
     members = [effect]
     top = posterior.singles.get(effect, 0.0)
     for other, (variant, fit) in posterior.fits.items():
         if other == effect:
             continue
-        place = places[id(variant)]
-        alike = cosine(reduced, index, np.arange(place.start, place.stop))
+        alike = cosine(reduced, index, library.index_of(variant))
         close = posterior.singles[other] > 0.15 * max(top, 1e-12)
         if (alike > 0.9 and fit.explained > 0.8 * own.explained) or (close and alike > 0.5):
             members.append(other)

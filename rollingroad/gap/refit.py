@@ -61,9 +61,8 @@ def refit(
 ) -> tuple[list[Trip], list[Whitened]]:  # fmt: skip
     """Return the trips and their whitened form with the leading variants' columns re-simulated."""
     chosen = leading(posterior)
-    places = {id(v): p for v, p in zip(library.variants, library.places, strict=True)}
     sharper = [
-        (places[id(v)], tuned(trips, whitened, layout, calibration, v, places[id(v)]))
+        (library.place_of(v), tuned(trips, whitened, layout, calibration, v, library.place_of(v)))
         for v, f in posterior.fits.values() if v.swings and f.explained > LOUD
     ]  # fmt: skip
     if not chosen and not sharper:
@@ -77,8 +76,8 @@ def refit(
         for place, columns in sharper:
             effects[:, place] = columns[number]
             rows[:, layout.nuisance + np.arange(place.start, place.stop)] = w.apply(columns[number])
-        for key, (variant, value) in chosen.items():
-            place = places[key]
+        for variant, value in chosen.values():
+            place = library.place_of(variant)
             weight = np.array([c.sd for c in variant.columns]) ** -2.0 * value
             try:
                 missing = variant.at(context, value) - effects[:, place] @ value

@@ -19,7 +19,7 @@ from rollingroad.gap.evidence import Posterior
 from rollingroad.gap.fits import fit
 from rollingroad.gap.replay import Motion, replay_vector, vector_of
 from rollingroad.gap.signatures import Variant
-from rollingroad.gap.trips import Layout, Library, Trip, Whitened
+from rollingroad.gap.trips import Layout, Library, Trip, Whitened, total_gram
 from vehicle_model.car.errors import BadInput
 from vehicle_model.car.parameters import Car
 
@@ -41,10 +41,9 @@ def regret(
     variant = posterior.fits[chosen[0]][0]
     if variant.settings is None:
         return None, None
-    place = dict(zip((id(v) for v in library.variants), library.places, strict=True))[id(variant)]
-    index = np.arange(place.start, place.stop)
+    index = library.index_of(variant)
     correction = dict(zip(layout.calibration, calibration.mean, strict=True)) if calibration.trips else {}
-    total = sum((w.gram for w in whitened), np.zeros_like(whitened[0].gram))
+    total = total_gram(whitened)
     rows = []
     for trip, w in zip(trips, whitened, strict=True):
         pieces = _pieces(trip, car)

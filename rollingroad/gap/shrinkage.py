@@ -14,7 +14,7 @@ from rollingroad.gap.evidence import Posterior
 from rollingroad.gap.fits import fit
 from rollingroad.gap.outside import correction
 from rollingroad.gap.signatures import Variant
-from rollingroad.gap.trips import Layout, Library, Trip, Whitened, stack
+from rollingroad.gap.trips import Layout, Library, Trip, Whitened, stack, total_gram
 from rollingroad.gap.where import signal
 
 Array = NDArray[np.float64]
@@ -65,12 +65,11 @@ def shrink(
     """Fit on the other trips, judge on the one left out (on itself, if it is alone); over the first `until` s of each
     where the gap lies there. `coarse` logs have a declared repeatability, or what the references show of it: that is
     their floor; elsewhere the floor is what the cause, fitted to the very trip, leaves."""
-    places = {id(v): p for v, p in zip(library.variants, library.places, strict=True)}
     chosen = leading(posterior)
-    columns, sd = _columns_of(chosen, posterior, library, layout, places)
-    channel = _channel(columns, posterior, whitened, trips, layout, chosen, library, places)
+    columns, sd = _columns_of(chosen, posterior, library, layout)
+    channel = _channel(columns, posterior, whitened, trips, layout, chosen)
     held = len(trips) > 1
-    total = sum((w.gram for w in whitened), np.zeros_like(whitened[0].gram))
+    total = total_gram(whitened)
     cases = [_case(t, w, layout, calibration, channel, until) for t, w in zip(trips, whitened, strict=True)]
     reductions = [reduce(total - w.gram if held else total, layout, calibration) for w in whitened]
     whole = reduce(total, layout, calibration)
@@ -95,8 +94,7 @@ def shrink(
 
     singles: dict[str, float] = {}
     for effect, (variant, _) in posterior.fits.items():
-        place = places[id(variant)]
-        index = np.arange(place.start, place.stop)
+        index = library.index_of(variant)
         alone = [_left(c, index, _fitted(r, index, library.sd[index])) for c, r in zip(cases, reductions, strict=True)]
         singles[effect] = mean(np.array(alone))
     rivals = [value for effect, value in singles.items() if effect not in chosen]
@@ -132,7 +130,7 @@ def leading(posterior: Posterior) -> tuple[str, ...]:
     return max(rows)[1]
 
 
-def _columns_of(chosen, posterior: Posterior, library: Library, layout: Layout, places) -> tuple[NDArray, Array]:
+def _columns_of(chosen, posterior: Posterior, library: Library, layout: Layout) -> tuple[NDArray, Array]:
     if not chosen:
         return np.zeros(0, int), np.zeros(0)
     if chosen == ("outside_catalogue",):
@@ -147,11 +145,11 @@ def _columns_of(chosen, posterior: Posterior, library: Library, layout: Layout, 
         variants: tuple[Variant, ...] = (first, second)
     else:
         variants = (posterior.fits[chosen[0]][0],)
-    index = np.concatenate([np.arange(places[id(v)].start, places[id(v)].stop) for v in variants])
+    index = np.concatenate([library.index_of(v) for v in variants])
     return index, library.sd[index]
 
 
-def _channel(columns, posterior, whitened, trips, layout, chosen, library, places) -> str:
+def _channel(columns, posterior, whitened, trips, layout, chosen) -> str:
     """The channel that carries most of the leading cause's signal; the fuel where there is none."""
     if not len(columns):
         return "fuel_power"
@@ -196,8 +194,15 @@ def _case(
 
 def _rms(case: _Case, residual: Array) -> float:
     """Normalised rms of the 30 s means, the trip's own and the tolerances fitted away within their limits."""
-    means = _windowed(case, residual)
-    own = np.stack([_windowed(case, case.nuisance[:, i]) for i in range(case.nuisance.shape[1])], axis=1)
+    return _unfitted(case, _windowed(case, residual), _own(case))
+
+
+def _own(case: _Case) -> Array:
+    return np.stack([_windowed(case, case.nuisance[:, i]) for i in range(case.nuisance.shape[1])], axis=1)
+
+
+def _unfitted(case: _Case, means: Array, own: Array) -> float:
+    """Normalised rms of `means` with the columns `own` fitted away, of deviation 1 each."""
     noise = 0.5 * np.median(np.abs(means)) + 1e-12 * case.scale
     fitted = own @ np.linalg.solve(noise**2 * np.eye(own.shape[1]) + own.T @ own, own.T @ means)
     return float(np.sqrt(np.mean((means - fitted) ** 2))) / case.scale
@@ -210,13 +215,9 @@ def _windowed(case: _Case, x: Array) -> Array:
 
 def _floor(case: _Case, signal_: Array) -> float:
     """What noise leaves of this very trip once the cause and its nuisance are fitted to it as well as can be."""
+    sized = (_windowed(case, signal_) * 0.3)[:, None]
     means = _windowed(case, case.residual - signal_)
-    own = np.stack([_windowed(case, case.nuisance[:, i]) for i in range(case.nuisance.shape[1])], axis=1)
-    noise = 0.5 * np.median(np.abs(means)) + 1e-12 * case.scale
-    s = _windowed(case, signal_)
-    own = np.concatenate([own, (s * 0.3)[:, None]], axis=1)
-    fitted = own @ np.linalg.solve(noise**2 * np.eye(own.shape[1]) + own.T @ own, own.T @ means)
-    return float(np.sqrt(np.mean((means - fitted) ** 2))) / case.scale
+    return _unfitted(case, means, np.concatenate([_own(case), sized], axis=1))
 
 
 def _recovered(before: Array, after: Array, floor: Array) -> float | None:

@@ -61,6 +61,15 @@ class Library:
         ends = np.cumsum([0] + [len(v.columns) for v in self.variants])
         return [slice(int(a), int(b)) for a, b in pairwise(ends)]
 
+    def place_of(self, variant: Variant) -> slice:
+        """Columns of `variant` (this very object) within the effects' block."""
+        return next(place for one, place in zip(self.variants, self.places, strict=True) if one is variant)
+
+    def index_of(self, variant: Variant) -> NDArray[np.int64]:
+        """`place_of` as numbers."""
+        place = self.place_of(variant)
+        return np.arange(place.start, place.stop)
+
     @property
     def sd(self) -> Array:
         """Prior deviation of every effect column."""
@@ -167,6 +176,20 @@ class Whitened:
     gram: Array
     apply: Callable[[Array], Array]
     """The whitening itself, for further columns."""
+
+
+def total_gram(whitened: Sequence[Whitened]) -> Array:
+    """Gram matrix (K + 1, K + 1) of all the trips together."""
+    return sum((w.gram for w in whitened), np.zeros_like(whitened[0].gram))
+
+
+def settled(w: Whitened, layout: Layout, y: Array) -> tuple[Array, Array]:
+    """`y` (m,), whitened, with the tolerances and the trip's own fitted away, and what was fitted, in deviations."""
+    own = np.concatenate(
+        [w.rows[:, len(layout.calibration) : layout.nuisance] * layout.tolerance_sd, w.own * w.own_sd], axis=1
+    )
+    free = np.linalg.solve(np.eye(own.shape[1]) + own.T @ own, own.T @ y)
+    return y - own @ free, free
 
 
 def marginal_gram(rows: Array, own: Array, own_sd: Array) -> Array:

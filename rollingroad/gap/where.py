@@ -11,7 +11,7 @@ from rollingroad.gap.calibration import Calibration, Reduced, unexplained
 from rollingroad.gap.channels import CHANNELS, REGIMES
 from rollingroad.gap.evidence import Posterior
 from rollingroad.gap.identify import SUBSYSTEM
-from rollingroad.gap.trips import Layout, Library, Trip, Whitened
+from rollingroad.gap.trips import Layout, Library, Trip, Whitened, settled
 
 Array = NDArray[np.float64]
 EARLY = 600.0
@@ -46,30 +46,23 @@ def regimes_of(trip: Trip) -> list[str]:
 def signal(index: NDArray, value: Array, w: Whitened, layout: Layout) -> Array:
     """Whitened signal of effect (or regressor) columns `index` with coefficients `value`, what the trip's own and the
     tolerances would swallow taken off."""
-    c, n = len(layout.calibration), layout.nuisance
-    own = np.concatenate([w.rows[:, c:n] * layout.tolerance_sd, w.own * w.own_sd], axis=1)
-    s = w.rows[:, n + index] @ value
-    return s - own @ np.linalg.solve(np.eye(own.shape[1]) + own.T @ own, own.T @ s)
+    left, _ = settled(w, layout, w.rows[:, layout.nuisance + index] @ value)
+    return left
 
 
 def hypotheses(posterior: Posterior, library: Library, layout: Layout) -> list[tuple[float, str, NDArray, Array]]:
     """(probability, subsystem, columns, coefficients) of every hypothesis with a gap; pairs give one row per member."""
-    places = {id(v): p for v, p in zip(library.variants, library.places, strict=True)}
     rows = []
     for effect, (variant, fit) in posterior.fits.items():
-        place = places[id(variant)]
-        rows.append((posterior.singles[effect], SUBSYSTEM[effect], np.arange(place.start, place.stop), fit.value))
+        rows.append((posterior.singles[effect], SUBSYSTEM[effect], library.index_of(variant), fit.value))
     for pair, (first, second, fit) in posterior.pair_fits.items():
         if posterior.pairs[pair] < 1e-3:
             continue
         at = 0
         for effect, variant in zip(pair, (first, second), strict=True):
-            place = places[id(variant)]
-            k = place.stop - place.start
-            rows.append(
-                (posterior.pairs[pair], SUBSYSTEM[effect], np.arange(place.start, place.stop), fit.value[at : at + k])
-            )
-            at += k
+            index = library.index_of(variant)
+            rows.append((posterior.pairs[pair], SUBSYSTEM[effect], index, fit.value[at : at + len(index)]))
+            at += len(index)
     if posterior.regressors is not None:
         found, fit = posterior.regressors
         for regressor, value in zip(found, fit.value, strict=True):

@@ -128,7 +128,7 @@ def test_a_leading_cause_is_re_simulated_at_its_size(garage) -> None:
     logs = [decode(trip(seed, {"wind_n": 7.0}, {}), f"trip_{seed}") for seed in (21, 22)]
     found = weigh(car, logs, reference, None)
     variant, fit = found.posterior.fits["head_wind"]
-    place = next(p for v, p in zip(found.library.variants, found.library.places, strict=True) if v is variant)
+    place = found.library.place_of(variant)
     correction = dict(zip(found.layout.calibration, found.calibration.mean, strict=True))
     for one in found.logs:
         context = context_of(one, car, vector_of(car), correction)
