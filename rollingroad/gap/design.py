@@ -133,8 +133,10 @@ def calibration_columns(p: Prepared, car: Car, vector: Array) -> Columns:
         column = block_means(p, "fuel_power", SLOPE * moving * m.speed * firing) - block_means(p, "coast_force", moving)
         rows.append((f"force.{name}", column, sd))
     base = values(p, car, vector)
-    for key, step, sd in (("enrichment.amount", 0.1, 0.1), ("driveline_loss.share", 0.01, 0.015)):
-        neutral = {"enrichment.amount": 0.10}.get(key, 0.0)
+    for key, neutral, step, sd in (
+        ("enrichment.amount", 0.1, 0.1, 0.1), ("driveline_loss.share", 0.0, 0.01, 0.015),
+        ("cornering_drag.factor", 1.0, -1.0, 1.0),
+    ):  # fmt: skip
         moved = values(p, car, vector_of(car, {key: neutral + step}))
         rows.append((f"plant.{key}", (base - moved) / step, sd))
     lever = np.asarray(car.gear_ratios)[np.maximum(m.gear, 1) - 1] / car.wheel_radius
