@@ -5,6 +5,8 @@ fitted, and the columns are turned so that they give that signal there,
 
     c_j' = c_j + (s(x) - C x) w_j x_j / sum(w x^2),    w = 1 / prior variance.
 
+A step that leaves the effect's own fit worse is not taken.
+
 What comes and goes (a compressor) gets its period, phase and duty instead (`cycling.py`).
 
 Everything downstream (Gram matrices, pairs, held-out trips) stays linear, about the optimum instead of about zero:
@@ -17,14 +19,15 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rollingroad.gap.calibration import Calibration
+from rollingroad.gap.calibration import Calibration, reduce
 from rollingroad.gap.channels import block_means, values
 from rollingroad.gap.cycling import tuned
 from rollingroad.gap.design import FUEL, map_correction
 from rollingroad.gap.evidence import Posterior
+from rollingroad.gap.fits import fit
 from rollingroad.gap.replay import replay_vector, vector_of
 from rollingroad.gap.signatures import Context, Variant
-from rollingroad.gap.trips import Layout, Library, Trip, Whitened, marginal_gram
+from rollingroad.gap.trips import Layout, Library, Trip, Whitened, marginal_gram, total_gram
 from vehicle_model.car.errors import BadInput
 from vehicle_model.car.parameters import Car
 
@@ -88,6 +91,28 @@ def refit(
             rows[:, index] = w.apply(effects[:, place])
         out_trips.append(replace(trip, effects=effects))
         out_whitened.append(replace(w, rows=rows, gram=marginal_gram(rows, w.own, w.own_sd)))
+    before, after = (reduce(total_gram(some), layout, calibration) for some in (whitened, out_whitened))
+    for variant, _ in chosen.values():
+        index = library.index_of(variant)
+        old, new = (fit(r, index, library.sd[index]).log_bayes for r in (before, after))
+        if new < old:  # a step too far (a spike of curvature that leaves the map, for one) is not taken
+            place = library.place_of(variant)
+            out_trips, out_whitened = _taken_back(place, layout, trips, whitened, out_trips, out_whitened)
+    return out_trips, out_whitened
+
+
+def _taken_back(
+    place: slice, layout: Layout, trips: Sequence[Trip], whitened: Sequence[Whitened], new_trips: Sequence[Trip],
+    new_whitened: Sequence[Whitened],
+) -> tuple[list[Trip], list[Whitened]]:  # fmt: skip
+    """The new trips and their whitened form with the columns of the effect at `place` as they were."""
+    columns = layout.nuisance + np.arange(place.start, place.stop)
+    out_trips, out_whitened = [], []
+    for trip, w, new_trip, new_w in zip(trips, whitened, new_trips, new_whitened, strict=True):
+        effects, rows = new_trip.effects.copy(), new_w.rows.copy()
+        effects[:, place], rows[:, columns] = trip.effects[:, place], w.rows[:, columns]
+        out_trips.append(replace(new_trip, effects=effects))
+        out_whitened.append(replace(new_w, rows=rows, gram=marginal_gram(rows, w.own, w.own_sd)))
     return out_trips, out_whitened
 
 

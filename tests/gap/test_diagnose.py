@@ -1,6 +1,7 @@
 """The diagnosis end to end, on trips of the challenge's own car, which shares nothing with the plant."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,11 +9,12 @@ import pytest
 
 from rollingroad.gap.calibration import tamed
 from rollingroad.gap.challenge import box, cars, routes, truth
-from rollingroad.gap.channels import CHANNELS
-from rollingroad.gap.diagnose import diagnose, weigh
-from rollingroad.gap.refit import context_of
+from rollingroad.gap.channels import CHANNELS, values
+from rollingroad.gap.diagnose import _one, diagnose, weigh
+from rollingroad.gap.refit import context_of, refit
 from rollingroad.gap.replay import vector_of
 from rollingroad.gap.result import as_json
+from rollingroad.gap.trips import whiten
 from sensors.log import SensorLog
 from sensors.packets import decode
 from vehicle_model.car.errors import BadInput
@@ -136,6 +138,36 @@ def test_a_leading_cause_is_re_simulated_at_its_size(garage) -> None:
         error = np.linalg.norm(one.effects[:, place] @ fit.value - wanted) / np.linalg.norm(wanted)
         linear = np.linalg.norm(variant.make(context) @ fit.value - wanted) / np.linalg.norm(wanted)
         assert error < 0.02 < linear
+
+
+def test_a_re_simulation_that_fits_worse_is_not_taken(garage) -> None:
+    """Given a wind that is re-simulated from the side, then its columns stay as they were."""
+    path, trip, reference = garage
+    car = read_car(path)
+    logs = [decode(trip(seed, {"wind_n": 7.0}, {}), f"trip_{seed}") for seed in (21, 22)]
+    found = weigh(car, logs, reference, None)
+    variant, fitted = found.posterior.fits["head_wind"]
+    astray = replace(variant, settings=lambda x: variant.settings(np.array([-x[1], x[0]])))
+    library = replace(found.library, variants=tuple(astray if v is variant else v for v in found.library.variants))
+    posterior = replace(found.posterior, singles={"head_wind": 1.0}, pairs={}, fits={"head_wind": (astray, fitted)})
+    whitened = [whiten(one, found.layout, found.calibration.noise) for one in found.logs]
+    after, again = refit(found.logs, whitened, found.layout, found.calibration, library, posterior, car)
+    for old, new, w, v in zip(found.logs, after, whitened, again, strict=True):
+        np.testing.assert_array_equal(new.effects, old.effects)
+        np.testing.assert_allclose(v.gram, w.gram)
+
+
+def test_references_can_show_that_a_car_has_no_cornering_drag(garage) -> None:
+    """Given a trip, then what the simulator's cornering drag does to the residuals is within what the calibration may
+    take off, or a car that has none would look as if it had a negative one for ever."""
+    path, trip, _ = garage
+    car = read_car(path)
+    one, _ = _one((decode(trip(21, {}, {}), "trip"), car, None, None))
+    assert one is not None
+    without = values(one.p, car, vector_of(car, {"cornering_drag.factor": 0.0})) - values(one.p, car, vector_of(car))
+    columns = one.calibration.matrix
+    left = without - columns @ np.linalg.lstsq(columns, without, rcond=None)[0]
+    assert np.linalg.norm(left) < 1e-6 * np.linalg.norm(without)
 
 
 def test_one_stalled_launch_is_doubted_and_a_slipping_clutch_is_not(garage) -> None:
