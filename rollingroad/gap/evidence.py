@@ -113,7 +113,7 @@ def hypotheses(
     r: Reduced, library: Library, layout: Layout, hidden: Sequence[str], t: Thresholds, pairs: bool = True
 ) -> Hypotheses:
     """Fit every hypothesis; `pairs` False leaves those out."""
-    r = floored(r, library, t.floor)
+    bare, r = r, floored(r, library, t.floor)
     sd, places = library.sd, library.places
     by_effect: dict[str, list[tuple[Variant, Fit, NDArray]]] = {}
     seen = visible(r, library)
@@ -143,7 +143,7 @@ def hypotheses(
         (index[1:] if v.swings else index, t.alike if len(rows) <= FEW else max(t.alike, NEAR))
         for rows in by_effect.values() for v, _, index in rows
     ]  # fmt: skip
-    other, log_outside = outside(r, library, layout, named)
+    other, log_outside = outside(r, library, layout, named, bare)
     return Hypotheses(
         singles, {n: (v, f) for n, (v, f, _) in best.items()}, both, log_outside,
         (tuple(library.regressors[i] for i in other.terms), other.fit) if other is not None else None,

@@ -5,7 +5,7 @@ predict, averaged over the models of one to three terms; no name is needed for t
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,8 +37,11 @@ def seen(r: Reduced, library: Library, layout: Layout) -> list[int]:
     return [int(i) for i in np.flatnonzero(size > 1.0)]
 
 
-def models(r: Reduced, library: Library, layout: Layout, candidates: Sequence[int]) -> tuple[list[Model], Model | None]:
-    """Every one of `candidates` (and family of them) alone, then with the best of the models before; the best of all.
+def models(
+    r: Reduced, library: Library, layout: Layout, candidates: Sequence[int], more: int = MORE
+) -> tuple[list[Model], Model | None]:
+    """Every one of `candidates` (and family of them) alone, then, up to `more` times, with the best of the models
+    before; the best of all.
 
     A model of two is one among as many firsts times as many seconds, and its share is as small.
     """
@@ -56,39 +59,53 @@ def models(r: Reduced, library: Library, layout: Layout, candidates: Sequence[in
         return [], None
     alone = [fitted(one, -float(np.log(len(terms)))) for one in terms]
     found, chosen = list(alone), max(alone, key=lambda model: model.fit.log_bayes)
-    for joined in range(1, MORE + 1):
+    for joined in range(1, more + 1):
         extra = [one for one in terms if not set(one) & set(chosen.terms)]
         if not extra:
             break
         log_prior = -joined * float(np.log(len(terms))) - float(np.log(len(extra)))
-        more = [fitted((*chosen.terms, *one), log_prior) for one in extra]
-        found += more
-        best = max(more, key=lambda model: model.fit.log_bayes)
+        wider = [fitted((*chosen.terms, *one), log_prior) for one in extra]
+        found += wider
+        best = max(wider, key=lambda model: model.fit.log_bayes)
         if best.fit.log_bayes < chosen.fit.log_bayes + BETTER:
             break
         chosen = best
     return found, chosen
 
 
+OFF = 0.2
+"""Share of its size by which a signature may be off in the direction of something that is much like it."""
+
+
 def outside(
-    r: Reduced, library: Library, layout: Layout, named: Sequence[tuple[NDArray, float]]
+    r: Reduced, library: Library, layout: Layout, named: Sequence[tuple[NDArray, float]], bare: Reduced
 ) -> tuple[Model | None, float]:
-    """Best regressors and the evidence of "something else"; `named` are the columns of each effect that may be named,
-    with the correlation from which on a regressor is that effect, and nothing else."""
+    """Best regressors and the evidence of "something else".
+
+    `named` are the columns of each effect that may be named, with the correlation (in `bare`: before the floors of the
+    effects are marginalised, which take a column away and leave what is nearly that column) from which on a regressor
+    is much like that effect. Two of such would stand for two effects, so they are no terms of a model of several. One
+    alone may be something else if it fits better by more than a signature that is OFF would let it.
+    """
     candidates = np.array(seen(r, library, layout), int)
     if not len(candidates):
         return None, NOTHING
     columns = layout.effects + candidates
-    free = np.ones(len(candidates), bool)
+    apart = np.ones(len(candidates), bool)
     for index, alike in named:
-        a = r.information[np.ix_(index, index)]
-        c = r.information[np.ix_(index, columns)]
+        a = bare.information[np.ix_(index, index)]
+        c = bare.information[np.ix_(index, columns)]
         inner = np.linalg.solve(a + 1e-9 * np.diag(np.diag(a)) + 1e-300 * np.eye(len(a)), c)
-        free &= np.sum(c * inner, axis=0) < alike**2 * np.diag(r.information)[columns]
-    found, chosen = models(r, library, layout, [int(i) for i in candidates[free]])
-    if chosen is None:
-        return None, NOTHING
-    return chosen, float(np.logaddexp.reduce([m.fit.log_bayes + m.log_prior for m in found]))
+        apart &= np.sum(c * inner, axis=0) < alike**2 * np.diag(bare.information)[columns]
+    unlike = {int(i) for i in candidates[apart]}
+    found, _ = models(r, library, layout, sorted(unlike))
+    alone, _ = models(r, library, layout, [int(i) for i in candidates], 0)
+    found += [
+        replace(m, log_prior=m.log_prior - 0.5 * OFF**2 * m.fit.explained)
+        for m in alone if not unlike.issuperset(m.terms)
+    ]  # fmt: skip
+    logs = np.array([m.fit.log_bayes + m.log_prior for m in found])
+    return found[int(np.argmax(logs))], float(np.logaddexp.reduce(logs))
 
 
 NOTHING = -30.0

@@ -5,9 +5,11 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from rollingroad.gap.calibration import Reduced
-from rollingroad.gap.fits import SCALES
+from rollingroad.gap.evidence import floored
+from rollingroad.gap.fits import SCALES, cosine, fit
 from rollingroad.gap.generic import Regressor
 from rollingroad.gap.outside import correction, models, outside
+from rollingroad.gap.signatures import Column, Variant
 from rollingroad.gap.trips import Layout, Library
 
 NAMED = 1
@@ -85,7 +87,38 @@ def test_what_a_named_effect_could_be_is_not_something_else() -> None:
     x = rng.normal(size=(200, NAMED + 2))
     x[:, 1] = x[:, 0] + 0.1 * x[:, 1]
     y = x[:, 0] + rng.normal(size=200)
-    best, log = outside(_reduced(x, y), _library([1.0] * 2), _layout(2), [(np.array([0]), 0.75)])
-    free, freely = outside(_reduced(x, y), _library([1.0] * 2), _layout(2), [])
-    assert best is not None and best.terms == (1,) and free is not None and 0 in free.terms
-    assert freely > log + 20.0
+    r = _reduced(x, y)
+    _, log = outside(r, _library([1.0] * 2), _layout(2), [(np.array([0]), 0.75)], r)
+    _, freely = outside(r, _library([1.0] * 2), _layout(2), [], r)
+    assert log < fit(r, [0], np.ones(1)).log_bayes - 2.0 < freely
+
+
+@pytest.mark.parametrize(("share", "told"), [(1.0, True), (0.15, False)])
+def test_what_is_like_a_named_effect_is_told_from_it_by_the_data(share: float, told: bool) -> None:
+    """Given a regressor with a correlation of 0.87 to a named effect, then it is likelier than that effect where the
+    signal is its own, and not where the signal is the effect's, a little off towards the regressor."""
+    rng = np.random.default_rng(9)
+    x, _ = np.linalg.qr(rng.normal(size=(300, NAMED + 1)))
+    own = x[:, 1].copy()
+    x[:, 1] = 0.87 * x[:, 0] + np.sqrt(1.0 - 0.87**2) * own
+    r = _reduced(x, 15.0 * ((1.0 - share) * x[:, 0] + share * x[:, 1]))
+    best, log = outside(r, _library([20.0]), _layout(1), [(np.array([0]), 0.75)], r)
+    assert best is not None and best.terms == (0,)
+    assert (log > fit(r, [0], np.array([20.0])).log_bayes + 5.0) == told
+    assert (log > fit(r, [0], np.array([20.0])).log_bayes) == told
+
+
+def test_a_floor_makes_no_effect_something_else() -> None:
+    """Given an effect of which the model's own errors make much, then what is nearly its signal stays it: the likeness
+    is that of the signals, not of what the floor leaves of them."""
+    rng = np.random.default_rng(10)
+    x, _ = np.linalg.qr(rng.normal(size=(300, NAMED + 1)))
+    x[:, 1] = 0.97 * x[:, 0] + np.sqrt(1.0 - 0.97**2) * x[:, 1]
+    bare = _reduced(x, 20.0 * x[:, 1])
+    name = Column("factor", "", 0.0, 20.0)
+    library = Library((Variant("drag", (name,), {}, lambda c: x[:, :1]),), _library([20.0]).regressors)
+    r = floored(bare, library, {"drag.factor": 5.0})
+    _, log = outside(r, library, _layout(1), [(np.array([0]), 0.75)], bare)
+    _, taken = outside(r, library, _layout(1), [(np.array([0]), 0.75)], r)
+    assert cosine(r, np.array([0]), np.array([1])) < 0.75 < cosine(bare, np.array([0]), np.array([1]))
+    assert log < taken
