@@ -25,6 +25,8 @@ from observer.efficiency_map import FuelMap
 from vehicle_model.car.errors import BadInput
 from vehicle_model.car.parameters import Car
 
+REACHED = 4.0
+"""m/s beside the start's speed that a policy of short reach still answers for: a person does what is said inexactly."""
 HARD_BRAKING = 3.0
 """What the policy asks for at most, m/s2, of a driver who is too fast for the limit ahead."""
 
@@ -54,13 +56,16 @@ def plan_route(
     `time_value` W >= 0 is what a second is worth, J/s. `table` saves the tabulation of the map when replanning (its
     top speed must cover the road's). `step` m and `nodes` set the grid; `policy_step` m that of the policy. With None
     there is no policy, only the plan, sought in a corridor around that of a coarse grid: several times faster.
-    `policy_reach` m is how far the policy goes (at least one place); who plans again soon needs no more.
+    `policy_reach` m is how far the policy goes (at least one place); who plans again soon needs no more, nor speeds
+    that he cannot have by then (`RouteProblem.within_reach`).
     `certify` fills `Advice.certificate` (see `plan_certificate`).
     Raises BadInput for a road that cannot be driven or an end speed that cannot be reached (naming the nearest).
     """
     problem = RouteProblem.build(road, fuel_map, car, start_speed, end_speed, end_price, comfort, step, nodes, table)
     if not (np.isfinite(time_value) and time_value >= 0.0):
         raise BadInput("time value", f"{time_value} J/s", "finite and not negative")
+    if policy_reach < math.inf:
+        problem = problem.within_reach(REACHED)
     if policy_step is not None:
         return _advise(problem, time_value, *problem.plan(time_value, start_gear), policy_step, certify, policy_reach)
     corridors = _Corridors(problem, problem.rough(road, fuel_map, step, nodes), start_gear)
@@ -177,12 +182,15 @@ class _Policy:
 def _policy(
     problem: RouteProblem, time_value: float, found: Path, value: NDArray[np.float64], policy_step: float, reach: float
 ) -> _Policy:
-    """The best action at every speed, at places about `policy_step` m apart."""
+    """The best action at every speed of the corridor, at places about `policy_step` m apart."""
     stages, chosen = problem.stages, found.gear
-    fastest = float(np.sqrt(2.0 * max(found.energy.max(), stages.top.max())))
-    grid = np.linspace(0.0, fastest, max(int(np.ceil(fastest / 0.9)), 2) + 1)
     places = np.arange(0, len(stages.ds), max(round(policy_step / stages.ds[0]), 1))
     places = places[: max(int(np.searchsorted(stages.s[places], stages.s[0] + reach, side="right")), 1)]
+    fastest = float(np.sqrt(2.0 * max(found.energy.max(), stages.top.max())))
+    grid = np.linspace(0.0, fastest, max(int(np.ceil(fastest / 0.9)), 2) + 1)
+    nodes = 0.5 * grid**2 / problem.table.energy_step
+    kept = np.flatnonzero((nodes >= problem.lowest[places].min()) & (nodes < problem.beyond[places].max()))
+    grid = grid[max(kept[0] - 1, 0) : kept[-1] + 2]
     shape = (len(places), len(grid))
     energies = np.broadcast_to(0.5 * grid**2, shape)
     _, ends, gears, _, slope = act(

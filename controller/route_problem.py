@@ -129,11 +129,25 @@ class RouteProblem:
         The end is kept whole where its speed is given.
         """
         near = int(np.ceil(np.max(np.diff(s)) / self.stages.ds[0]))
-        path, e = np.interp(self.stages.s, s, energy), self.table.energy_step
-        low = np.floor((minimum_filter1d(path, 2 * near + 1) - width) / e).astype(np.int64)
-        high = np.ceil((maximum_filter1d(path, 2 * near + 1) + width) / e).astype(np.int64) + 2
-        lowest = np.clip(low, 0, np.maximum(self.count - 3, 0))
-        beyond = np.clip(high, lowest + 2, self.count)
+        path = np.interp(self.stages.s, s, energy)
+        return self.between(
+            minimum_filter1d(path, 2 * near + 1) - width, maximum_filter1d(path, 2 * near + 1) + width
+        )
+
+    def within_reach(self, slack: float) -> "RouteProblem":
+        """The same without the speeds that comfort cannot bring about from those within `slack` m/s of the start's."""
+        v, s = self.start_speed, self.stages.s - self.stages.s[0]
+        slowest, fastest = max(v - slack, 0.0), v + slack
+        return self.between(
+            0.5 * slowest**2 - self.comfort.braking * s, 0.5 * fastest**2 + self.comfort.acceleration * s
+        )
+
+    def between(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> "RouteProblem":
+        """The same in the corridor from `low` to `high` (K+1,), m2/s2, widened to nodes."""
+        first = np.floor(low / self.table.energy_step).astype(np.int64)
+        last = np.ceil(high / self.table.energy_step).astype(np.int64) + 2
+        lowest = np.clip(first, 0, np.maximum(self.count - 3, 0))
+        beyond = np.clip(last, lowest + 2, self.count)
         beyond = np.where(beyond >= self.count - 1, self.count, beyond)
         if self.end_speed is not None:
             beyond[-1] = self.count[-1]

@@ -12,11 +12,15 @@ from observer.fit_form import Cells, Fit, r_squared
 REACH = 12.0
 """Cells (of 50 rpm and 2 N m) from the nearest valid one over which the other members fade out. A polynomial of a short
 trip says nothing beyond what was driven: half the fuel power, or twice."""
+LEVERED = 4.0
+"""Leverage up to which a member counts in full; beyond it as much less as its variance is larger. A queue's few engine
+speeds bend a polynomial of degree two beyond measure, twelve cells on."""
 
 
 @dataclass(frozen=True)
 class AverageFit(Fit):
-    """The mean fuel power of `members` (at least one) near the cells; far from them the first one's alone."""
+    """The mean fuel power of `members` (at least one) near the cells; the first one's alone far from them, and where
+    the others hang on the cells by a long lever."""
 
     name: str
     members: tuple[Fit, ...]
@@ -29,8 +33,12 @@ class AverageFit(Fit):
         omega, torque = np.broadcast_arrays(np.asarray(engine_speed, float), np.asarray(torque, float))
         distance = self.near.query(_in_cells(omega, torque))[0]
         first = self.members[0].fuel_power(omega, torque)
-        mean = np.mean([first, *(member.fuel_power(omega, torque) for member in self.members[1:])], axis=0)
-        return first + np.exp(-((distance / REACH) ** 2)) * (mean - first)
+        near = np.exp(-((distance / REACH) ** 2)) / len(self.members)
+        power = first.copy()
+        for member in self.members[1:]:
+            trusted = near * np.minimum(LEVERED / member.leverage(omega, torque), 1.0)
+            power += trusted * (member.fuel_power(omega, torque) - first)
+        return power
 
 
 def fit_average(name: str, members: tuple[Fit, ...], cells: Cells) -> AverageFit:

@@ -27,6 +27,11 @@ class Fit(ABC):
     def fuel_power(self, engine_speed: ArrayLike, torque: ArrayLike) -> NDArray[np.float64]:
         """P_in, W, at rad/s and N m (broadcast)."""
 
+    def leverage(self, engine_speed: ArrayLike, torque: ArrayLike) -> NDArray[np.float64]:
+        """How much more the cells' errors weigh in the fitted value than among the cells, squared; 1 for a form that
+        its shape holds where there are none."""
+        return np.ones(np.broadcast_shapes(np.shape(engine_speed), np.shape(torque)))
+
     def efficiency(self, engine_speed: ArrayLike, torque: ArrayLike) -> NDArray[np.float64]:
         """eta = omega T / P_in at rad/s and N m (broadcast)."""
         omega, torque = np.broadcast_arrays(np.asarray(engine_speed, float), np.asarray(torque, float))

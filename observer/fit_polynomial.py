@@ -45,6 +45,16 @@ class PolynomialFit(Fit):
     """c_n."""
     r2: float
     r2_efficiency: float
+    spread: NDArray[np.float64]
+    """(F_n' F_n / n)^-1, n cells."""
+
+    def leverage(self, engine_speed: ArrayLike, torque: ArrayLike) -> NDArray[np.float64]:
+        """Variance of the fitted value per variance of a cell's, in units of its mean over the cells: 1 among them, and
+        the square of what an error of theirs grows to elsewhere."""
+        omega, torque = np.broadcast_arrays(np.asarray(engine_speed, float), np.asarray(torque, float))
+        columns = (_columns(omega, torque, self.powers) - self.column_mean) / self.column_deviation
+        own = 1.0 + np.einsum("...i,ij,...j->...", columns, self.spread, columns)
+        return own / (1.0 + len(self.powers))
 
     def value(self, engine_speed: ArrayLike, torque: ArrayLike) -> NDArray[np.float64]:
         """The fitted quantity itself (eta, phi or P_in)."""
@@ -119,7 +129,7 @@ def fit_polynomials(cells: Cells, car: Car) -> dict[str, Fit]:
         np.append(cells.standard_error, np.full(20, 0.01)),
     )
     for name, (target, powers) in forms.items():
-        if len(cells.torque) <= 2 * len(powers):
+        if len(cells.torque) <= 2 * len(powers) or not identifiable(cells, powers):
             continue
         fits[name] = fit_polynomial(cells, name, target, powers)
         if target == "eta":
@@ -131,6 +141,13 @@ def fit_polynomials(cells: Cells, car: Car) -> dict[str, Fit]:
     return fits
 
 
+def identifiable(cells: Cells, powers: tuple[tuple[int, int], ...]) -> bool:
+    """Whether the cells lie at enough engine speeds and torques to tell the columns `powers` apart: a trip in a queue
+    has many cells at two engine speeds, which fit any curvature."""
+    speeds, torques = len(np.unique(cells.engine_speed)), len(np.unique(cells.torque))
+    return speeds > max(i for i, _ in powers) and torques > max(j for _, j in powers)
+
+
 def fit_polynomial(cells: Cells, name: str, target: str, powers: tuple[tuple[int, int], ...]) -> PolynomialFit:
     """Least squares of `target` ("eta", "phi", "P_in") with the columns `powers` and a constant."""
     data = {"eta": lambda: cells.efficiency, "phi": lambda: 1.0 / cells.efficiency, "P_in": lambda: cells.fuel_power}
@@ -139,8 +156,12 @@ def fit_polynomial(cells: Cells, name: str, target: str, powers: tuple[tuple[int
     column_mean, column_deviation = columns.mean(axis=0), columns.std(axis=0)
     column_deviation = np.where(column_deviation > 0, column_deviation, 1.0)
     mean, deviation = float(wanted.mean()), float(wanted.std()) or 1.0
-    normalised = np.linalg.lstsq((columns - column_mean) / column_deviation, (wanted - mean) / deviation)[0]
-    fit = PolynomialFit(name, target, powers, column_mean, column_deviation, mean, deviation, normalised, 0.0, 0.0)
+    unit = (columns - column_mean) / column_deviation
+    normalised = np.linalg.lstsq(unit, (wanted - mean) / deviation)[0]
+    spread = np.linalg.pinv(unit.T @ unit / len(unit), hermitian=True)
+    fit = PolynomialFit(
+        name, target, powers, column_mean, column_deviation, mean, deviation, normalised, 0.0, 0.0, spread
+    )
     fitted, eta = fit.value(cells.engine_speed, cells.torque), fit.efficiency(cells.engine_speed, cells.torque)
     return replace(fit, r2=r_squared(wanted, fitted), r2_efficiency=r_squared(cells.efficiency, eta))
 

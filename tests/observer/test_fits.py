@@ -153,9 +153,11 @@ def test_the_planner_gets_the_mean_of_two_forms_or_what_there_is(found):
     cells = valid_cells(found)
     omega, torque = cells.engine_speed, cells.torque
     each = [fits[name].fuel_power(omega, torque) for name in ("P_in smooth", "P_in full 2")]
+    held = fits["P_in full 2"].leverage(omega, torque) < 4.0
     chosen = planner_fit(fits)
     assert chosen.name == PLANNER_FIT
-    np.testing.assert_allclose(chosen.fuel_power(omega, torque), 0.5 * (each[0] + each[1]))
+    assert held.mean() > 0.9, "all but the corners of what was driven"
+    np.testing.assert_allclose(chosen.fuel_power(omega, torque)[held], 0.5 * (each[0] + each[1])[held])
     assert planner_fit(fit_all(replace(found, valid=np.zeros_like(found.valid)), CAR)).name == "P_in willans"
 
 
@@ -170,6 +172,38 @@ def test_what_a_short_trip_did_not_show_the_planner_takes_from_the_form_that_ext
     np.testing.assert_allclose(chosen, smooth, rtol=1e-6)
     assert np.all(np.abs(chosen / true_power(*beyond) - 1.0) < 0.35)
     assert np.any(np.abs(fits["P_in full 2"].fuel_power(*beyond) / smooth - 1.0) > 0.1)
+
+
+def test_a_queue_of_two_engine_speeds_does_not_bend_the_planners_fuel(found):
+    """Given a trip that was spent behind others at one speed, its cells in two, three or four neighbouring columns, the
+    planner's fuel stays near the engine's all around them; a polynomial through those cells does not."""
+    omega, torque = np.meshgrid(found.engine_speed, found.torque, indexing="ij")
+    for columns in (2, 3, 4):
+        behind = (omega >= 1800 * RPM) & (omega < (1800 + 50 * columns) * RPM) & (torque < 60.0)
+        eta = true_efficiency(omega, np.maximum(torque, 1.0)) * (1.0 + 0.01 * np.sin(omega * torque))
+        seen = replace(found, valid=behind & (torque > 8.0), mean=eta, standard_error=np.full(eta.shape, 0.005))
+        fits = fit_all(seen, CAR)
+        around = np.meshgrid(np.linspace(1300, 2600, 14) * RPM, [10.0, 20.0, 40.0], indexing="ij")
+        error = np.abs(planner_fit(fits).fuel_power(*around) / true_power(*around) - 1.0)
+        assert error.max() < 0.2, (columns, error.max())
+        if "P_in full 2" in fits:
+            assert np.abs(fits["P_in full 2"].fuel_power(*around) / true_power(*around) - 1.0).max() > 0.2
+
+
+def test_leverage_is_the_variance_that_noise_in_the_cells_gives_the_fit():
+    """By a second method: many draws of noise on the cells, the spread of the fitted fuel, in units of that at them."""
+    cells = cells_of(true_power, n=120, low=1500, high=2500)
+    fit = fit_polynomial(cells, "x", "P_in", exponents("full", 2))
+    places = np.array([1200.0, 2000.0, 3200.0]) * RPM, np.array([20.0, 50.0, 80.0])
+    rng, drawn, at_cells = np.random.default_rng(1), [], []
+    for _ in range(600):
+        power = cells.fuel_power + rng.normal(0.0, 200.0, 120)
+        noisy = replace(cells, efficiency=cells.engine_speed * cells.torque / power)
+        other = fit_polynomial(noisy, "x", "P_in", exponents("full", 2))
+        drawn.append(other.fuel_power(*places))
+        at_cells.append(other.fuel_power(cells.engine_speed, cells.torque))
+    expected = np.var(drawn, axis=0) / np.var(at_cells, axis=0).mean()
+    np.testing.assert_allclose(fit.leverage(*places), expected, rtol=0.2)
 
 
 def test_too_few_cells_leave_the_willans_form(found):
