@@ -130,9 +130,7 @@ class RouteProblem:
         """
         near = int(np.ceil(np.max(np.diff(s)) / self.stages.ds[0]))
         path = np.interp(self.stages.s, s, energy)
-        return self.between(
-            minimum_filter1d(path, 2 * near + 1) - width, maximum_filter1d(path, 2 * near + 1) + width
-        )
+        return self.between(minimum_filter1d(path, 2 * near + 1) - width, maximum_filter1d(path, 2 * near + 1) + width)
 
     def within_reach(self, slack: float) -> "RouteProblem":
         """The same without the speeds that comfort cannot bring about from those within `slack` m/s of the start's."""

@@ -32,6 +32,10 @@ SMOOTH_FLOOR = 5e-3
 """Relative: for the smooth form no cell is known better than this, because neighbours err alike."""
 SEARCH_CELLS = 350
 """Cells that the search for the kernel's length scales and amplitude looks at."""
+FRICTION_STEP = 0.1
+"""For the smooth form: by how much more than an ordinary engine's friction is believed to differ, relatively, from one
+Bernstein place to the next. A cold start burns its tenth more at the low speeds of the first minutes: a short trip must
+not make high ones cheap by it."""
 PRIOR_WEIGHT = 0.15
 """How hard the prior pulls: 1 would equal a cell known to a standard error of 0.005."""
 
@@ -99,8 +103,11 @@ class KernelFit(Fit):
         return self.efficiency(omega, torque) * np.sqrt(variance + shared**2 + PLACE_SCATTER**2)
 
 
-def fit_willans(cells: Cells, car: Car, limits: Limits) -> WillansFit:
-    """Weighted least squares under the bounds a > 0, b >= 1/0.55, c >= 0; works from no cell at all (the prior)."""
+def fit_willans(cells: Cells, car: Car, limits: Limits, friction_step: float = np.inf) -> WillansFit:
+    """Weighted least squares under the bounds a > 0, b >= 1/0.55, c >= 0; works from no cell at all (the prior).
+
+    `friction_step`: see `FRICTION_STEP`; infinite, the cells alone shape friction over engine speed.
+    """
     engine = car.engine
     low, high, scale = 0.8 * engine.idle_speed, engine.redline_speed, engine.max_torque
     prior = _prior(car)
@@ -116,6 +123,9 @@ def fit_willans(cells: Cells, car: Car, limits: Limits) -> WillansFit:
     size = np.concatenate([np.full(order + 1, part) for order, part in zip(ORDERS, _sizes(prior), strict=True)])
     rows.append(PRIOR_WEIGHT * np.diag(1.0 / size) * 10.0)
     wanted.append(PRIOR_WEIGHT * prior / size * 10.0)
+    steps = np.diff(np.diag(1.0 / prior), axis=0)[: ORDERS[0]]
+    rows.append(steps / friction_step)
+    wanted.append(np.zeros(ORDERS[0]))
     bend = _second_differences()
     rows.append(PRIOR_WEIGHT * 40.0 * bend / (np.abs(bend) @ size)[:, None])
     wanted.append(PRIOR_WEIGHT * 40.0 * (bend @ prior) / (np.abs(bend) @ size))

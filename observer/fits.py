@@ -4,7 +4,7 @@ from observer.efficiency_map import EfficiencyMap
 from observer.fit_average import fit_average
 from observer.fit_form import Fit, valid_cells
 from observer.fit_polynomial import fit_polynomials
-from observer.fit_willans import fit_kernel, fit_smooth, fit_willans
+from observer.fit_willans import FRICTION_STEP, fit_kernel, fit_smooth, fit_willans
 from vehicle_model.car.parameters import Car
 
 DEFAULT_FIT = "P_in willans+kernel"
@@ -28,7 +28,7 @@ def fit_all(efficiency_map: EfficiencyMap, car: Car) -> dict[str, Fit]:
     fits: dict[str, Fit] = {willans.name: willans}
     if len(cells.torque) >= LEAST_CELLS:
         fits[DEFAULT_FIT] = fit_kernel(willans, cells)
-        fits["P_in smooth"] = fit_smooth(willans, cells)
+        fits["P_in smooth"] = fit_smooth(fit_willans(cells, car, efficiency_map.limits, FRICTION_STEP), cells)
         fits |= fit_polynomials(cells, car)
         members = tuple(fits[name] for name in PLANNER_MEMBERS if name in fits)
         fits[PLANNER_FIT] = fit_average(PLANNER_FIT, members, cells)

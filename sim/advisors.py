@@ -12,7 +12,7 @@ __all__ = ["ADVISORS", "FIXED", "Context", "make"]
 
 
 def _oracle(context: Context) -> Advisor:
-    return RecedingHorizon(context, step=5.0, nodes=400)
+    return RecedingHorizon(context, step=5.0, nodes=600)
 
 
 ADVISORS: dict[str, Callable[[Context], Advisor]] = {

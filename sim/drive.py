@@ -54,6 +54,8 @@ STOP_SHORT = 1.0
 STOPPING = 3.0
 """m/s2: a light that turns yellow is driven through where stopping would take more. The yellow phases of the network
 are as long as that asks for (netconvert's `tls.yellow.min-decel`)."""
+HASHED = 3_000
+"""Steps after the first advice whose traffic is still hashed: that takes as long as driver and car together."""
 LEAST_ROOM = 0.3
 """m to a line below which the braking that is needed is not computed any more."""
 WARNED_TIME = 3.5
@@ -91,7 +93,8 @@ class Drive:
     vehicles: float
     """Mean number of vehicles in the network while the ego drove."""
     step_hashes: tuple[int, ...]
-    """One per step of SUMO over all vehicles: equal hashes, equal traffic."""
+    """One per step of SUMO over all vehicles: equal hashes, equal traffic. Up to `HASHED` steps after the first
+    advice: what it changed is no longer compared."""
     first_advice_step: int | None
     """Step at which advice first reached the driver."""
     advised_share: float
@@ -124,6 +127,7 @@ class Drive:
 class _Tally:
     """What is counted during a drive."""
 
+    steps: int = 0
     hashes: list[int] = field(default_factory=list)
     costates: list[float] = field(default_factory=list)
     vehicles: int = 0
@@ -299,7 +303,7 @@ def _run(
                 if told is not None:
                     # From here on the two drives may differ: a display that is lit is looked at.
                     if tally.first_advice is None:
-                        tally.first_advice = len(tally.hashes)
+                        tally.first_advice = tally.steps
                     tally.told += 1
                     tally.refused += obedience.refusing
                     tally.looking += now < look_until
@@ -346,10 +350,10 @@ def _run(
     return Drive(
         trip=plant.trip(),
         route=route,
-        vehicles=tally.vehicles / max(len(tally.hashes), 1),
+        vehicles=tally.vehicles / max(tally.steps, 1),
         step_hashes=tuple(tally.hashes),
         first_advice_step=tally.first_advice,
-        advised_share=tally.advised / max(len(tally.hashes), 1),
+        advised_share=tally.advised / max(tally.steps, 1),
         costate=np.array(tally.costates),
         min_time_to_collision=tally.min_ttc,
         limit_violations=tally.violations,
@@ -462,7 +466,9 @@ def _count(
     leader_speed: float,
     signal_before: tuple[float, str],
 ) -> None:
-    tally.hashes.append(traffic.state_hash())
+    if tally.first_advice is None or tally.steps < tally.first_advice + HASHED:
+        tally.hashes.append(traffic.state_hash())
+    tally.steps += 1
     tally.vehicles += traffic.vehicles()
     closing = plant.speed - leader_speed
     if gap < math.inf and closing > WALKING:

@@ -70,7 +70,7 @@ class RecedingHorizon:
 
     context: Context
     step: float = 10.0
-    nodes: int = 200
+    nodes: int = 300
     _whole: Advice | None = field(default=None, init=False, repr=False)
 
     def reset(self) -> None:

@@ -52,6 +52,9 @@ LATE = 100e3
 time of a 5 km route are worth 7 to 15 % of its fuel: 40 to 85 kW); prices far above only happen at signals."""
 ROUNDS = 7
 """Prices at most."""
+SCOUTS = 4
+"""Seeds that the price is sought with first where there are at least twice as many: the others are then driven at its
+neighbours alone."""
 SEARCHES = 32
 """Searches side by side."""
 LOSSES = ("fit", "estimation", "optimiser", "driver", "traffic")
@@ -191,6 +194,21 @@ class _World:
         if not self.baseline:
             return
         driven: dict[float, dict[int, Account]] = {}
+        rounds, seeds, start, leap = 1 if way.advisor in FIXED else ROUNDS, list(self.baseline), None, LEAP
+        if len(seeds) >= 2 * SCOUTS and rounds > 1:
+            start = _lowest_in_time(_drive_around(self._at(way, seeds[:SCOUTS], {}), self._begin_with(way), rounds))
+            leap = 1
+        _drive_around(self._at(way, seeds, driven), start or self._begin_with(way), rounds, leap)
+        found = self._at_equal_time(driven)
+        if found is None or not found.equal:
+            self._fail(way.advisor, "no price of time makes the mean trip as long as the baseline's", drive=str(way))
+        if found is not None:
+            self._found[way] = found
+
+    def _at(
+        self, way: Way, seeds: Sequence[int], driven: dict[float, dict[int, Account]]
+    ) -> Callable[[Sequence[float]], Sequence[Consumption]]:
+        """What drives `seeds` at prices of time, adds the accounts to `driven`, and returns the means."""
 
         def at(prices: Sequence[float]) -> list[Consumption]:
             asked: list[tuple[str, int, dict[str, Any]]] = [
@@ -198,19 +216,14 @@ class _World:
                     "advisor_name": way.advisor, "knowledge": way.knowledge, "price": price, "perfect": way.perfect,
                 })
                 for price in prices
-                for seed in self.baseline
+                for seed in seeds
             ]  # fmt: skip
             for (_, seed, more), outcome in zip(asked, self._do(asked, way.advisor), strict=True):
                 if outcome.result is not None:
                     driven.setdefault(more["price"], {})[seed] = outcome.result
             return [self._mean(driven[price], price) for price in prices if price in driven]
 
-        _drive_around(at, self._begin_with(way), rounds=1 if way.advisor in FIXED else ROUNDS)
-        found = self._at_equal_time(driven)
-        if found is None or not found.equal:
-            self._fail(way.advisor, "no price of time makes the mean trip as long as the baseline's", drive=str(way))
-        if found is not None:
-            self._found[way] = found
+        return at
 
     def _begin_with(self, way: Way) -> float:
         """A price (W) to begin with: what another planner ended with, the plan's, or full pace for who plans none."""
@@ -368,35 +381,44 @@ def on_grid(price: float) -> int:
     return round(math.log(price) / math.log(PRICE_STEP))
 
 
-def _drive_around(at: Callable[[Sequence[float]], Sequence[Consumption]], price: float, rounds: int) -> None:
+def _drive_around(
+    at: Callable[[Sequence[float]], Sequence[Consumption]], price: float, rounds: int, leap: int = LEAP
+) -> dict[float, float]:
     """Drive at prices of time until two with relative times around `AIM` are one step apart, or `rounds` are over.
 
-    One price after the other, each where the times so far point to; content with a time within `CLOSE` where the next
-    price would be below `UNHURRIED`: to hold back a drive that is a little quicker only costs fuel.
+    One price after the other, each where the times so far point to, `leap` steps on while all are on one side; content
+    with a time within `CLOSE` where the next price would be below `UNHURRIED`: to hold back a drive that is a little
+    quicker only costs fuel. Returns the relative times by price.
     """
     times: dict[int, float] = {}
     step = on_grid(price)
     for _ in range(rounds):
         done = at([PRICE_STEP**step])
         if not done:
-            return
+            break
         times[step] = done[0].time
         steps = sorted(times)
         pair = bracket([times[k] for k in steps], AIM)
         if pair is None and min(times.values()) > AIM:
-            step = steps[-1] + (2 * LEAP if min(times.values()) > 1.0 + FAR else LEAP)
+            step = steps[-1] + (2 * leap if min(times.values()) > 1.0 + FAR else leap)
         elif pair is None:
             quick = 1.0 - max(times.values())
             if quick <= CLOSE and steps[0] <= on_grid(UNHURRIED):
-                return
-            step = steps[0] - (2 * LEAP if quick > FAR else LEAP)
+                break
+            step = steps[0] - (2 * leap if quick > FAR else leap)
         else:
             slow, fast = (steps[i] for i in reversed(pair))
             if abs(fast - slow) <= 1:
-                return
+                break
             share = (times[slow] - AIM) / (times[slow] - times[fast])
             low, high = sorted((slow, fast))
             step = min(max(round(slow + share * (fast - slow)), low + 1), high - 1)
+    return {PRICE_STEP**k: time for k, time in times.items()}
+
+
+def _lowest_in_time(times: Mapping[float, float]) -> float | None:
+    """The lowest price whose relative time is not beyond `AIM`, else the highest; None without any."""
+    return min((price for price, time in times.items() if time <= AIM), default=max(times, default=None))
 
 
 def interval(values: Sequence[float]) -> list[float] | None:

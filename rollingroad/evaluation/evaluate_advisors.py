@@ -20,7 +20,7 @@ PLANNERS = ("pontryagin",)
 """Those whose loss to the map and to the planner can be told apart on paper."""
 PACED = ("acceleration", "coach")
 """Those that plan no route: only their pace makes their trips longer (`pace`)."""
-FINE, NODES = 2, 200
+FINE, NODES = 2, 300
 """The planner's grid of speeds, and how much finer the oracle's is."""
 UNHURRIED = 100.0
 """W: below it time costs next to nothing, and a slower trip takes lower speeds than the limits (`pace`)."""

@@ -190,6 +190,19 @@ def test_a_queue_of_two_engine_speeds_does_not_bend_the_planners_fuel(found):
             assert np.abs(fits["P_in full 2"].fuel_power(*around) / true_power(*around) - 1.0).max() > 0.2
 
 
+def test_a_cold_start_at_low_speeds_does_not_make_high_ones_cheap_for_the_planner(found):
+    """Given a short trip whose first minutes, below 1,700 rpm, burnt a tenth more than the warm engine does, and
+    nothing above 2,600 rpm, the planner's fuel at 4,000 rpm and little torque stays near the engine's."""
+    omega, torque = np.meshgrid(found.engine_speed, found.torque, indexing="ij")
+    slow, fast = (omega > 1150 * RPM) & (omega < 1700 * RPM), (omega > 1700 * RPM) & (omega < 2600 * RPM)
+    driven = (slow & (torque > 5.0) & (torque < 45.0)) | (fast & (torque > 50.0) & (torque < 65.0))
+    driven &= np.random.default_rng(3).random(omega.shape) < 0.25
+    eta = true_efficiency(omega, np.maximum(torque, 1.0)) * np.where(slow, 0.9, 1.0)
+    fits = fit_all(replace(found, valid=driven, mean=eta, standard_error=0.02 * eta), CAR)
+    high = np.full(3, 4000 * RPM), np.array([5.0, 20.0, 40.0])
+    assert np.all(np.abs(planner_fit(fits).fuel_power(*high) / true_power(*high) - 1.0) < 0.25)
+
+
 def test_leverage_is_the_variance_that_noise_in_the_cells_gives_the_fit():
     """By a second method: many draws of noise on the cells, the spread of the fitted fuel, in units of that at them."""
     cells = cells_of(true_power, n=120, low=1500, high=2500)

@@ -1,5 +1,6 @@
 """Given drives whose fuel and time are known formulas, then the evaluation finds what follows from them by hand."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -75,6 +76,19 @@ def test_all_prices_are_of_one_grid_so_that_more_seeds_find_the_drives_of_fewer_
     monkeypatch.setattr("rollingroad.evaluation.evaluate.run_units", watched)
     judged(tmp_path, seeds=3, first_price=333.0)
     assert {outcome.unit.arguments["task"]["seed"] for outcome in driven} == {2}
+
+
+def test_many_seeds_are_driven_only_near_the_price_that_a_few_found(tmp_path: Path) -> None:
+    """Given twelve seeds and a first guess far off, the answer is that of driving all of them everywhere, for a third
+    fewer drives."""
+    (row,) = judged(tmp_path / "far", seeds=12, first_price=64_000.0)["rows"]
+    (near,) = judged(tmp_path / "near", seeds=12, first_price=1_000.0)["rows"]
+    assert row["fair_saving_percent"] == pytest.approx(near["fair_saving_percent"], abs=1e-9)
+    assert row["price_W"] == near["price_W"] and row["seeds"] == 12
+    driven = [json.loads(path.read_text()) for path in (tmp_path / "far").rglob("*.json")]
+    advised = [unit["arguments"] for unit in driven if unit["function"].endswith("advised_drive")]
+    prices = [asked["price"] for asked in advised if asked["knowledge"] == "estimated"]
+    assert len(prices) < 12 * len(set(prices)) * 2 / 3
 
 
 def test_without_the_oracle_nothing_is_measured_against_it(tmp_path: Path) -> None:
