@@ -68,6 +68,8 @@ class Followed:
     drives: Sequence[Drive]
     advices: Sequence[Advice]
     comparison: Comparison
+    gears_told: bool = True
+    """Whether the driver was told gears too."""
 
 
 def drive_scenario(
@@ -200,7 +202,7 @@ def follow(
         return [consumption(advised, task.car, price) for advised, price in zip(done, prices, strict=True)]
 
     costs = search_bracket(at, cost.time, prices)
-    return Followed(drives, advices, compare(cost, costs, trip_efficiency(baseline.trip)))
+    return Followed(drives, advices, compare(cost, costs, trip_efficiency(baseline.trip)), tells_gears)
 
 
 def follow_what_was_learnt(

@@ -133,6 +133,7 @@ def figures(products: Products, folder: Path, watch: Stopwatch, compiled: float)
         "advised": {
             "fuel_J": compared.fuel,
             "time_s": cost.time if compared.fuel is not None else consumption(nearest, task.car).time,
+            "gears_told": products.advised.gears_told,
         },
         "saving_percent": compared.saving_percent,
         "saving_ci95": None,

@@ -40,3 +40,8 @@ class Run:
     road_ahead: RoadAhead | None
     """What the advisor knew of the road; None in a run read back from a folder."""
     folder: Path
+
+    @property
+    def gears_told(self) -> bool:
+        """Whether the advised driver was told gears; else those of `advice` are the plan's alone."""
+        return bool(self.results["advised"].get("gears_told", True))

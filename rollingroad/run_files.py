@@ -28,7 +28,7 @@ def read_run(folder: Path) -> Run:
     The route is taken from the baseline's drive, the fits are fitted again, the true map is computed again from the
     car and the settings in run.json. What the advisor knew of the road is not kept: `road_ahead` is None.
     """
-    results = _results(folder)
+    results = read_results(folder)
     car = read_car(folder / "car.xml")
     baseline, advised = (_trip(folder / part / "truth.parquet") for part in ("", "advised"))
     found = mapping.read(folder)
@@ -74,7 +74,8 @@ def route_driven(trip: Trip) -> Route:
     )
 
 
-def _results(folder: Path) -> dict:
+def read_results(folder: Path) -> dict:
+    """The object of `run --json` that the run `folder` holds. Raises BadInput where there is none."""
     path = folder / "run.json"
     try:
         return json.loads(path.read_text())

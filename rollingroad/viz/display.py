@@ -13,6 +13,7 @@ import numpy as np
 
 from controller.advice import Advice
 from controller.advice_files import read_advice
+from rollingroad.run_files import read_results
 from vehicle_model.car.errors import BadInput
 from vehicle_model.car.trip import Trip
 
@@ -37,6 +38,7 @@ class Frame:
     """-1 (much too fast: down) to 1 (much too slow: up); its size is the intensity."""
     gear: int
     advised_gear: int
+    """0 where none is told."""
     costate: float
     """kJ per m/s: the worth of speed."""
     costate_share: float
@@ -45,8 +47,8 @@ class Frame:
     """%, of the fuel's power at the wheels: engine efficiency, not distance per litre; 0 where the fuel is cut."""
 
 
-def frames(trip: Trip, advice: Advice) -> list[Frame]:
-    """What the display would have shown along `trip`, RATE times a second.
+def frames(trip: Trip, advice: Advice, *, gears_told: bool = True) -> list[Frame]:
+    """What the display would have shown along `trip`, RATE times a second; no gears to a driver who is told none.
 
     5.1.3 asks for the error against the setpoint as an arrow, for the costate, and for the engine's efficiency rather
     than fuel per distance, which would punish a driver for storing energy in speed and height.
@@ -55,6 +57,7 @@ def frames(trip: Trip, advice: Advice) -> list[Frame]:
     wanted = np.interp(trip.distance[rows], advice.s, advice.speed)
     costate = np.interp(trip.distance[rows], advice.s, advice.costate)
     gear = advice.gear[np.clip(np.searchsorted(advice.s, trip.distance[rows], side="right") - 1, 0, len(advice.s) - 1)]
+    gear = gear if gears_told else 0 * gear
     arrow = np.clip((wanted - trip.speed[rows]) / FULL_ARROW, -1.0, 1.0)
     power, fuel = (trip.thrust * trip.speed)[rows], trip.fuel_power[rows]
     efficiency = np.where(fuel > 0.0, 100.0 * np.maximum(power, 0.0) / np.maximum(fuel, 1.0), 0.0)
@@ -124,5 +127,6 @@ def replay_server(folder: Path, *, pace: float = 1.0, port: int = 0) -> Threadin
     path = folder / "advised" / "truth.parquet"
     if not path.is_file():
         raise BadInput(folder, "advised/truth.parquet", "expected a run folder with an advised drive")
-    shown = frames(Trip.read(path), read_advice(folder / "advice.parquet"))
+    told = bool(read_results(folder)["advised"].get("gears_told", True))
+    shown = frames(Trip.read(path), read_advice(folder / "advice.parquet"), gears_told=told)
     return display_server(lambda: replay(shown, pace), port)

@@ -18,6 +18,7 @@ from observer.estimate import STATES
 from rollingroad.run import Run
 from rollingroad.viz import charts
 from rollingroad.viz.blueprint import blueprint
+from rollingroad.viz.views import gear_name
 from vehicle_model.car.errors import BadInput
 from vehicle_model.car.route import CANYON, TUNNEL
 from vehicle_model.car.trip import Trip
@@ -160,7 +161,7 @@ def _write_advice(out: _Writer, run: Run) -> None:
     advice = run.advice
     clock = _Clock(np.interp(advice.s, run.advised.distance, run.advised.time), advice.s)  # where the driver met it
     out.series("speed/advice", clock, advice.speed * _KMH, charts.ADVICE, "advice")
-    out.series("gear/advice", clock, advice.gear.astype(float), charts.ADVICE, "advice", "steps")
+    out.series("gear/advice", clock, advice.gear.astype(float), charts.ADVICE, gear_name(run), "steps")
     out.series("engine/torque/advice", clock, advice.torque, charts.ADVICE, "advice")
     out.series("advice/costate", clock, advice.costate / 1e3, charts.ADVICE, "worth of speed (kJ per m/s)")
     out.series("fuel/burnt/predicted", clock, advice.fuel / 1e6, charts.ADVICE, "predicted")

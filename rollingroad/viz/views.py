@@ -46,7 +46,7 @@ def speed_chart(run: Run) -> Chart:
         Line(_km(adv["distance"]), adv["speed"] * KMH, "advised", charts.ADVISED),
     )
     gear = (
-        Line(_km(advice.s), advice.gear.astype(float), "advice", charts.ADVICE, dash="dash", step=True),
+        Line(_km(advice.s), advice.gear.astype(float), gear_name(run), charts.ADVICE, dash="dash", step=True),
         Line(_km(base["distance"]), base["gear"], "baseline", charts.BASELINE, width=1.2, step=True),
         Line(_km(adv["distance"]), adv["gear"], "advised", charts.ADVISED, width=1.2, step=True),
     )
@@ -62,6 +62,11 @@ def speed_chart(run: Run) -> Chart:
         ),
         height=560,
     )
+
+
+def gear_name(run: Run) -> str:
+    """What the gears of the plan are called: advice, or the plan's own where the driver is left to shift by himself."""
+    return "advice" if run.gears_told else "planned, not told"
 
 
 def fuel_chart(run: Run) -> Chart:

@@ -43,6 +43,12 @@ def test_the_arrow_points_where_the_plan_is(advice):
         assert np.allclose([frame.arrow for frame in frames(off, advice)], arrow)
 
 
+def test_a_driver_who_is_told_no_gears_is_shown_none(advice):
+    trip = drive(road(), 0.86)
+    assert any(frame.advised_gear for frame in frames(trip, advice))
+    assert not any(frame.advised_gear for frame in frames(trip, advice, gears_told=False))
+
+
 def test_efficiency_is_the_engine_s_and_zero_while_the_fuel_is_cut(advice):
     trip = drive(road(), 0.86)
     cut = frames(dataclasses.replace(trip, channels=trip.channels | {"fuel_power": 0 * trip.time}), advice)

@@ -55,6 +55,17 @@ def test_without_a_bracket_no_saving_is_claimed(run, tmp_path):
     assert "4.7 %" not in text and "None" not in text and "nan" not in text
 
 
+def test_gears_that_were_not_told_are_not_called_advice(run):
+    for told, name in ((True, "advice"), (False, "planned, not told")):
+        results = dict(run.results) | {"advised": run.results["advised"] | {"gears_told": told}}
+        (gears,) = (
+            panel
+            for panel in views.speed_chart(dataclasses.replace(run, results=results)).panels
+            if panel.y_label == "gear"
+        )
+        assert [line.name for line in gears.marks] == [name, "baseline", "advised"]
+
+
 def test_a_map_without_a_valid_cell_still_makes_a_report(run, tmp_path):
     found = run.efficiency_map
     nothing = np.zeros_like(found.valid)
