@@ -23,7 +23,8 @@ from sensors.log import SensorLog
 from sensors.packets import decode
 from sensors.roadmap import RoadMap, from_route
 from sim.advisor import DELAY, AdviceFollower
-from sim.drive import Drive, drive
+from sim.drive import drive
+from sim.drive_record import Drive
 from sim.full_load import enriched
 from sim.network import Network
 from sim.road_ahead import road_ahead

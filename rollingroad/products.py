@@ -28,7 +28,7 @@ from rollingroad.run import Run
 from rollingroad.task import Task, described
 from sensors.kml import write_kml
 from sensors.packets import write_log
-from sim.drive import Drive
+from sim.drive_record import Drive
 from sim.network import Network
 from sim.true_efficiency import true_efficiency
 from vehicle_model.car.files import write_car

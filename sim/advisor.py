@@ -32,7 +32,7 @@ class View:
     """m along the navigation route."""
     speed: float
     """m/s: the box's own, of wheel pulses and GPS, hence true to a few parts in a thousand. The *driver* goes by his
-    dial, which shows more (`sim.drive.SPEEDOMETER`): see `scenarios/drivers.md`."""
+    dial, which shows more (`sim.caution.SPEEDOMETER`): see `scenarios/drivers.md`."""
     gear: int
     leader_gap: float
     """m of free road to the car in front, inf where none is seen."""

@@ -16,7 +16,7 @@ from controller.advice import Advice, RoadAhead
 from controller.route import plan_route_in_time
 from observer.efficiency_map import FuelMap
 from sensors.roadmap import RoadMap
-from sim.drive import SPEEDOMETER, speed_cap
+from sim.caution import SPEEDOMETER, speed_cap
 from sim.road_ahead import road_ahead
 from sim.truth import true_fuel_map
 from vehicle_model.car.errors import BadInput

@@ -20,7 +20,6 @@ The five sum to advised - oracle. An advisor that plans no route loses to its me
 """
 
 import functools
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -29,29 +28,16 @@ from typing import Any
 import numpy as np
 from scipy.stats import t as student
 
-from rollingroad.evaluation.compare import Consumption, bracket, corrected_fuel
+from rollingroad.evaluation.compare import Consumption
 from rollingroad.evaluation.engine import Outcome, opened, run_units
+from rollingroad.evaluation.equal_time import Account, Found, at_equal_time, mean
 from rollingroad.evaluation.evaluate_advisors import FIXED, PACED, PLANNERS, UNHURRIED, advisor_names
+from rollingroad.evaluation.price_search import LEAP, ROUNDS, drive_around, lowest_in_time
 from rollingroad.evaluation.store import Store, Unit
 from rollingroad.task import Task
 from vehicle_model.car.errors import BadInput
 
 DRIVES = "rollingroad.evaluation.evaluate_drives"
-PRICE_STEP = 10.0**0.25
-"""Ratio between neighbouring prices: all prices are powers of it, so that more seeds find the drives of fewer done."""
-LEAP = 2
-"""Steps to the next price while all are on one side of the baseline's time; twice that if they are far from it."""
-FAR = 0.05
-"""Relative time that is far."""
-CLOSE = 0.01
-"""Mean trip times this near to the baseline's are equal (DESIGN.md)."""
-AIM = 1.0 + CLOSE
-"""Relative time around which the search ends: the lowest price that is not later counts."""
-LATE = 100e3
-"""W: at most this is charged for a second late. It is what the last seconds cost where others measured it (5 % of the
-time of a 5 km route are worth 7 to 15 % of its fuel: 40 to 85 kW); prices far above only happen at signals."""
-ROUNDS = 7
-"""Prices at most."""
 SCOUTS = 4
 """Seeds that the price is sought with first where there are at least twice as many: the others are then driven at its
 neighbours alone."""
@@ -60,7 +46,6 @@ SEARCHES = 32
 LOSSES = ("fit", "estimation", "optimiser", "driver", "traffic")
 
 Run = Callable[[Sequence[Unit]], list[Outcome]]
-Account = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -84,28 +69,6 @@ class Way:
 
 ORACLE = Way("oracle", "true", True)
 HUMAN_ORACLE = Way("oracle", "true", False)
-
-
-@dataclass(frozen=True)
-class Found:
-    """Advised drives at the baseline's mean time, by seed; at the nearest mean time where no price gives that."""
-
-    equal: bool
-    """Whether the mean times are equal."""
-
-    fuel: Mapping[int, float]
-    """J at the baseline's mean time, with the baseline's energy at the end."""
-    exact: Mapping[int, float] | None
-    """J interpolated at exactly the baseline's mean time; None where no two prices bracket it."""
-    naive: Mapping[int, float]
-    """J at the thriftiest price, as metered."""
-    nearer: Mapping[int, Account]
-    """The drives at the price whose mean time is nearer."""
-    time_difference_percent: float
-    price: float
-    """W."""
-    not_bracketed: tuple[int, ...]
-    """Seeds whose own baseline time lies beyond all that was driven; they count in the means all the same."""
 
 
 def evaluate(
@@ -196,10 +159,10 @@ class _World:
         driven: dict[float, dict[int, Account]] = {}
         rounds, seeds, start, leap = 1 if way.advisor in FIXED else ROUNDS, list(self.baseline), None, LEAP
         if len(seeds) >= 2 * SCOUTS and rounds > 1:
-            start = _lowest_in_time(_drive_around(self._at(way, seeds[:SCOUTS], {}), self._begin_with(way), rounds))
+            start = lowest_in_time(drive_around(self._at(way, seeds[:SCOUTS], {}), self._begin_with(way), rounds))
             leap = 1
-        _drive_around(self._at(way, seeds, driven), start or self._begin_with(way), rounds, leap)
-        found = self._at_equal_time(driven)
+        drive_around(self._at(way, seeds, driven), start or self._begin_with(way), rounds, leap)
+        found = at_equal_time(self.baseline, driven)
         if found is None or not found.equal:
             self._fail(way.advisor, "no price of time makes the mean trip as long as the baseline's", drive=str(way))
         if found is not None:
@@ -221,7 +184,7 @@ class _World:
             for (_, seed, more), outcome in zip(asked, self._do(asked, way.advisor), strict=True):
                 if outcome.result is not None:
                     driven.setdefault(more["price"], {})[seed] = outcome.result
-            return [self._mean(driven[price], price) for price in prices if price in driven]
+            return [mean(self.baseline, driven[price], price) for price in prices if price in driven]
 
         return at
 
@@ -231,65 +194,6 @@ class _World:
             return UNHURRIED
         ended = [found.price for done, found in self._found.items() if way.knowledge == "true" and _planned(done)]
         return ended[0] if ended else self._first_price
-
-    def _mean(self, drives: Mapping[int, Account], price: float) -> Consumption:
-        """Sums over the seeds; `time` relative to the baseline's over the same seeds."""
-        base = sum(self.baseline[seed]["time"] for seed in drives)
-        total = {key: sum(a[key] for a in drives.values()) for key in ("fuel", "time", "distance", "end_energy")}
-        return Consumption(**(total | {"time": total["time"] / base}), price=price)
-
-    def _at_equal_time(self, driven: Mapping[float, Mapping[int, Account]]) -> Found | None:
-        prices = sorted(driven)
-        ratios = [self._mean(driven[price], price).time for price in prices]
-        if not prices:
-            return None
-        pair, equal = bracket(ratios, 1.0), True
-        near = [i for i, ratio in enumerate(ratios) if abs(ratio - 1.0) <= CLOSE]
-        exact = None if pair is None else self._between(driven[prices[pair[0]]], driven[prices[pair[1]]])[0]
-        if near:
-            pair = near[0], near[0]
-        elif pair is None:
-            nearest = min(range(len(prices)), key=lambda i: abs(ratios[i] - 1.0))
-            pair, equal = (nearest, nearest), False
-        low, high = (driven[prices[i]] for i in pair)
-        fuel, share, left = self._between(low, high)
-        seeds = sorted(fuel)
-        if not seeds:
-            return None
-        if near:  # what he is late has its price
-            share_late = max(left, 0.0) / sum(self.baseline[s]["time"] for s in seeds)
-            owed = min(prices[pair[0]], LATE) * share_late
-            fuel = {s: burnt + owed * self.baseline[s]["time"] for s, burnt in fuel.items()}
-        thrifty = min(
-            (d for d in driven.values() if set(seeds) <= set(d)), key=lambda d: sum(d[s]["fuel"] for s in seeds)
-        )
-        spans = {s: [d[s]["time"] for d in driven.values() if s in d] for s in seeds}
-        return Found(
-            equal=equal,
-            fuel=fuel,
-            exact=exact,
-            naive={s: thrifty[s]["fuel"] for s in seeds},
-            nearer=low if share <= 0.5 else high,
-            time_difference_percent=100.0 * left / sum(self.baseline[s]["time"] for s in seeds),
-            price=prices[pair[0]] ** (1.0 - share) * prices[pair[1]] ** share,
-            not_bracketed=tuple(s for s in seeds if not min(spans[s]) <= self.baseline[s]["time"] <= max(spans[s])),
-        )
-
-    def _between(
-        self, low: Mapping[int, Account], high: Mapping[int, Account]
-    ) -> tuple[dict[int, float], float, float]:
-        """Fuel (J) by seed between two prices, at the share that makes the mean times equal if one does; the share; and
-        the time (s, summed over the seeds) that is left late."""
-        seeds = sorted(set(low) & set(high))
-        a, b = (sum(d[s]["time"] for s in seeds) for d in (low, high))
-        target = sum(self.baseline[s]["time"] for s in seeds)
-        share = 0.0 if b == a else float(np.clip((target - a) / (b - a), 0.0, 1.0))
-        fuel = {s: (1.0 - share) * self._corrected(low[s], s) + share * self._corrected(high[s], s) for s in seeds}
-        return fuel, share, (1.0 - share) * a + share * b - target
-
-    def _corrected(self, drive: Account, seed: int) -> float:
-        base = self.baseline[seed]
-        return corrected_fuel(_consumption(drive), _consumption(base), base["efficiency"])
 
     def row(self, way: Way) -> dict[str, Any]:
         """A row of `evaluate --json`; without equal mean times the figures that need them are None."""
@@ -376,51 +280,6 @@ def _planned(way: Way) -> bool:
     return way.advisor in PLANNERS or way.advisor == "oracle"
 
 
-def on_grid(price: float) -> int:
-    """Number of the nearest price that is driven at: `PRICE_STEP` to that power."""
-    return round(math.log(price) / math.log(PRICE_STEP))
-
-
-def _drive_around(
-    at: Callable[[Sequence[float]], Sequence[Consumption]], price: float, rounds: int, leap: int = LEAP
-) -> dict[float, float]:
-    """Drive at prices of time until two with relative times around `AIM` are one step apart, or `rounds` are over.
-
-    One price after the other, each where the times so far point to, `leap` steps on while all are on one side; content
-    with a time within `CLOSE` where the next price would be below `UNHURRIED`: to hold back a drive that is a little
-    quicker only costs fuel. Returns the relative times by price.
-    """
-    times: dict[int, float] = {}
-    step = on_grid(price)
-    for _ in range(rounds):
-        done = at([PRICE_STEP**step])
-        if not done:
-            break
-        times[step] = done[0].time
-        steps = sorted(times)
-        pair = bracket([times[k] for k in steps], AIM)
-        if pair is None and min(times.values()) > AIM:
-            step = steps[-1] + (2 * leap if min(times.values()) > 1.0 + FAR else leap)
-        elif pair is None:
-            quick = 1.0 - max(times.values())
-            if quick <= CLOSE and steps[0] <= on_grid(UNHURRIED):
-                break
-            step = steps[0] - (2 * leap if quick > FAR else leap)
-        else:
-            slow, fast = (steps[i] for i in reversed(pair))
-            if abs(fast - slow) <= 1:
-                break
-            share = (times[slow] - AIM) / (times[slow] - times[fast])
-            low, high = sorted((slow, fast))
-            step = min(max(round(slow + share * (fast - slow)), low + 1), high - 1)
-    return {PRICE_STEP**k: time for k, time in times.items()}
-
-
-def _lowest_in_time(times: Mapping[float, float]) -> float | None:
-    """The lowest price whose relative time is not beyond `AIM`, else the highest; None without any."""
-    return min((price for price, time in times.items() if time <= AIM), default=max(times, default=None))
-
-
 def interval(values: Sequence[float]) -> list[float] | None:
     """Student's 95 % interval of the mean of paired differences; None for fewer than two."""
     if len(values) < 2:
@@ -449,10 +308,6 @@ def worlds_of(
                 units = {seed: arguments(task, car, baseline) for seed, task in made.items()}
                 found.append(World(one.scenario.name, one.car.name, baseline, units))
     return found
-
-
-def _consumption(account: Account) -> Consumption:
-    return Consumption(**{key: account[key] for key in ("fuel", "time", "distance", "end_energy")}, price=0.0)
 
 
 def _least(accounts: Sequence[Account]) -> float | None:

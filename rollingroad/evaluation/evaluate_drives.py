@@ -37,7 +37,8 @@ from rollingroad.evaluation.evaluate_advisors import advisor, at_price, plan
 from rollingroad.task import Task
 from scenarios.files import parse
 from sim.advisor import Advisor, Context
-from sim.drive import Drive, drive
+from sim.drive import drive
+from sim.drive_record import Drive
 from sim.full_load import enriched
 from sim.network import build
 from sim.road_ahead import road_ahead

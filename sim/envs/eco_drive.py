@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from scenarios import files
 from scenarios.schema import Scenario
 from sim.advisor import Suggestion, View
-from sim.drive import Drive, journey
+from sim.drive import journey
+from sim.drive_record import Drive
 from sim.network import build
 from sim.route import true_route
 from vehicle_model.car.files import read_car

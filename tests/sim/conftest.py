@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from scenarios import files
-from sim.drive import Drive, drive
+from sim.drive import drive
+from sim.drive_record import Drive
 from sim.network import Network, build
 from vehicle_model.car.files import read_car
 from vehicle_model.car.parameters import Car

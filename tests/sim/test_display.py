@@ -5,8 +5,9 @@ import pytest
 
 from scenarios import files
 from sim.advisor import Suggestion, View
+from sim.caution import WALKING, WARNED_TIME, warned
 from sim.display import ARROW_DWELL, BRAKING, GEAR_DWELL, URGENT, Display
-from sim.drive import WALKING, WARNED_TIME, _warned, drive
+from sim.drive import drive
 from sim.network import Network
 from vehicle_model.car.parameters import Car
 
@@ -93,7 +94,7 @@ def test_who_heeds_the_warning_keeps_the_time_to_collision(leader: float, speed:
     gap, shortest = 250.0, np.inf
     while speed - leader > WALKING + 0.01:
         shortest = min(shortest, (gap + 2.0) / (speed - leader))
-        speed += 0.1 * min(_warned(speed, gap, leader), 0.0)
+        speed += 0.1 * min(warned(speed, gap, leader), 0.0)
         gap -= 0.1 * (speed - leader)
         assert gap > 0.0
     assert WARNED_TIME - 0.15 < shortest < np.inf

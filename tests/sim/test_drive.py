@@ -5,7 +5,9 @@ import pytest
 
 from scenarios import files
 from sim.advisor import Suggestion, View
-from sim.drive import Drive, drive, speed_cap
+from sim.caution import speed_cap
+from sim.drive import drive
+from sim.drive_record import Drive
 from sim.network import Network
 from sim.traffic import MirrorError, Traffic
 from vehicle_model.car.parameters import Car

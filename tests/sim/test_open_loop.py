@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sensors.roadmap import from_route
-from sim.drive import Drive
+from sim.drive_record import Drive
 from sim.open_loop import cycle_check, road_check
 from vehicle_model.car.errors import BadInput
 from vehicle_model.car.parameters import Car

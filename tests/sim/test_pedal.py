@@ -6,7 +6,8 @@ from scenarios import files
 from sensors.roadmap import from_route
 from sim import advisors
 from sim.advisor import Context
-from sim.drive import Drive, drive
+from sim.drive import drive
+from sim.drive_record import Drive
 from sim.network import Network
 from sim.road_ahead import road_ahead
 from sim.truth import true_fuel_map

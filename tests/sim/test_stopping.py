@@ -6,7 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sim.drive import HARSH, STOP_SHORT, _must_stop, _safe_wish
+from sim.caution import STOP_SHORT, must_stop, safe_wish
+from sim.drive_record import HARSH
 from sim.drivers import ADVISED_ACCELERATION, STYLES
 from sim.traffic import PERIOD
 
@@ -36,10 +37,10 @@ def test_a_yellow_light_is_obeyed_without_harsh_braking_or_passed_before_it_is_r
         speed, left, time, hardest, stopping = limit / 3.6, float(distance), 0.0, 0.0, False
         while left > 0.0 and (speed > 0.05 and time < 60.0):
             state = "y" if time < YELLOW[limit] else "r"
-            stopping = _must_stop(state, left, speed, stopping)
+            stopping = must_stop(state, left, speed, stopping)
             wish = 0.0
             if stopping:
-                wish = _safe_wish(traffic, STYLES[style], speed, "", math.inf, math.nan, left, math.inf)  # type: ignore[arg-type]
+                wish = safe_wish(traffic, STYLES[style], speed, "", math.inf, math.nan, left, math.inf)  # type: ignore[arg-type]
             hardest = min(hardest, wish)
             moved = max(speed + wish * PERIOD, 0.0)
             left -= 0.5 * (speed + moved) * PERIOD
@@ -63,5 +64,5 @@ def test_who_was_told_to_launch_harder_follows_the_car_in_front_as_ever(leader_s
             planned_acceleration=lambda: math.inf,
             may_enter=lambda reach: (True, math.inf),
         )
-        wishes.append(_safe_wish(traffic, STYLES["good"], 10.0, "w1", 40.0, leader_speed, math.inf, math.inf))  # type: ignore[arg-type]
+        wishes.append(safe_wish(traffic, STYLES["good"], 10.0, "w1", 40.0, leader_speed, math.inf, math.inf))  # type: ignore[arg-type]
     assert wishes[0] == wishes[1] == pytest.approx(STYLES["good"].acceleration)
