@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rollingroad.gap.channels import CHANNELS, REGIMES
+from rollingroad.gap.blocks import CHANNELS, REGIMES
 from rollingroad.gap.design import FUEL, LONGER, Noise, default_noise, log_likelihood
 from rollingroad.gap.trips import Layout, Library, Trip, Whitened, settled, stack, total_gram, whiten
 

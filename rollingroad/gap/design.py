@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rollingroad.gap.channels import CHANNELS, REGIMES, Correction, Prepared, block_means, values
+from rollingroad.gap.blocks import CHANNELS, REGIMES, Prepared
+from rollingroad.gap.channels import Correction, block_means, values
 from rollingroad.gap.replay import Motion, Replay, replay_vector, vector_of
 from vehicle_model.car.parameters import Car
 

@@ -10,8 +10,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from rollingroad.gap import evidence
+from rollingroad.gap.blocks import prepare
 from rollingroad.gap.calibration import FREEDOM, Calibration, Reduced, calibrate, doubted, log_evidence, reduce
-from rollingroad.gap.channels import prepare
 from rollingroad.gap.door import read_road, read_trips, split_restarts
 from rollingroad.gap.evidence import Posterior
 from rollingroad.gap.fits import fit

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rollingroad.gap.blocks import CHANNELS
 from rollingroad.gap.calibration import Calibration, unexplained
-from rollingroad.gap.channels import CHANNELS
 from rollingroad.gap.trips import Layout, Trip, Whitened
 
 WINDOW = 30.0

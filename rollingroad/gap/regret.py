@@ -12,8 +12,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from rollingroad.gap.blocks import REGIMES
 from rollingroad.gap.calibration import Calibration, reduce
-from rollingroad.gap.channels import REGIMES
 from rollingroad.gap.design import map_correction
 from rollingroad.gap.evidence import Posterior
 from rollingroad.gap.fits import fit

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rollingroad.gap.channels import CHANNELS
+from rollingroad.gap.blocks import CHANNELS
 from rollingroad.gap.design import FUEL
 from rollingroad.gap.low_rank import low_rank
 from rollingroad.gap.result import as_json

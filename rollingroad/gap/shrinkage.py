@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from rollingroad.gap.blocks import CHANNELS
 from rollingroad.gap.calibration import Calibration, Reduced, reduce
-from rollingroad.gap.channels import CHANNELS
 from rollingroad.gap.design import FUEL
 from rollingroad.gap.evidence import Posterior
 from rollingroad.gap.fits import fit

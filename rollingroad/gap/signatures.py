@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.observe import pulse_angle
-from rollingroad.gap.channels import Correction, Prepared, block_means, resensed, values
+from rollingroad.gap.blocks import Prepared
+from rollingroad.gap.channels import Correction, block_means, resensed, values
 from rollingroad.gap.design import CLOCK, RATIO
 from rollingroad.gap.replay import replay_vector, vector_of
 from vehicle_model.car.parameters import Car

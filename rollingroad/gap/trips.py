@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingroad.gap import generic, signatures
-from rollingroad.gap.channels import Prepared, block_means, values
+from rollingroad.gap.blocks import Prepared
+from rollingroad.gap.channels import block_means, values
 from rollingroad.gap.design import (
     FUEL,
     Columns,

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from rollingroad.gap.blocks import CHANNELS, REGIMES
 from rollingroad.gap.calibration import Calibration, Reduced, unexplained
-from rollingroad.gap.channels import CHANNELS, REGIMES
 from rollingroad.gap.evidence import Posterior
 from rollingroad.gap.identify import SUBSYSTEM
 from rollingroad.gap.trips import Layout, Library, Trip, Whitened, settled

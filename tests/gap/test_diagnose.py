@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rollingroad.gap.blocks import CHANNELS
 from rollingroad.gap.calibration import tamed
 from rollingroad.gap.challenge import box, cars, routes, truth
-from rollingroad.gap.channels import CHANNELS, values
+from rollingroad.gap.channels import values
 from rollingroad.gap.diagnose import _one, diagnose, weigh
 from rollingroad.gap.refit import context_of, refit
 from rollingroad.gap.replay import vector_of

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from rollingroad.gap.blocks import CHANNELS
 from rollingroad.gap.calibration import Calibration
-from rollingroad.gap.channels import CHANNELS
 from rollingroad.gap.design import FUEL, Columns, default_noise
 from rollingroad.gap.shrinkage import _trip_fuel
 from rollingroad.gap.trips import Layout, Trip
