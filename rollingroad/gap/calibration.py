@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rollingroad.gap.blocks import CHANNELS, REGIMES
-from rollingroad.gap.design import FUEL, LONGER, Noise, default_noise, log_likelihood
+from rollingroad.gap.design import FUEL
+from rollingroad.gap.noise import LONGER, Noise, default_noise, log_likelihood
 from rollingroad.gap.trips import Layout, Library, Trip, Whitened, settled, stack, total_gram, whiten
 
 Array = NDArray[np.float64]

@@ -13,8 +13,7 @@ Channels (value: unit)
     clock_rate    s/s    what the logger's clock gains on the receiver's
     gnss_second   m/s    as gnss_speed, of a second receiver
 The thrust that a filter infers is no channel: it is built from acceleration and believed resistances, so a force
-balance
-of it is true by construction. Fuel against required work, and coasting, are independent.
+balance of it is true by construction. Fuel against required work, and coasting, are independent.
 """
 
 from collections.abc import Callable
@@ -37,8 +36,7 @@ Correction = Callable[[Replay, Motion, NDArray[np.int64]], Array]
 
 def values(p: Prepared, car: Car, vector: Array, correction: Correction | None = None) -> Array:
     """Residual of each block, (m,): measured less replay under the plant's `vector`, its fuel corrected as the
-    reference
-    trips showed (a setting that moves the torque moves along the *corrected* map)."""
+    reference trips showed (a setting that moves the torque moves along the *corrected* map)."""
     s, trace, layout = p.samples, p.trace, p.layout
     nominal = replay_vector(vector, s.motion)
     out = np.zeros(len(layout.time))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rollingroad.gap.calibration import Calibration, reduce
 from rollingroad.gap.channels import block_means
 from rollingroad.gap.fits import Fit, fit
-from rollingroad.gap.signatures import COHERENT, Variant
+from rollingroad.gap.signature_form import COHERENT, Variant
 from rollingroad.gap.trips import Layout, Trip, Whitened, marginal_gram
 
 Array = NDArray[np.float64]

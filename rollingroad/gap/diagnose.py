@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from rollingroad.gap import evidence
 from rollingroad.gap.blocks import prepare
-from rollingroad.gap.calibration import FREEDOM, Calibration, Reduced, calibrate, doubted, log_evidence, reduce
+from rollingroad.gap.calibration import Calibration, Reduced, calibrate, doubted, reduce
 from rollingroad.gap.door import read_road, read_trips, split_restarts
 from rollingroad.gap.evidence import Posterior
 from rollingroad.gap.fits import fit
@@ -27,6 +27,7 @@ from rollingroad.gap.shrinkage import Shrinkage, leading, shrink
 from rollingroad.gap.thresholds import load as load_thresholds
 from rollingroad.gap.trips import Layout, Library, Trip, columns_of, layout_of, marginal_gram, total_gram, whiten
 from rollingroad.gap.where import EARLY, Place, locate
+from rollingroad.gap.without_reference import foreign_floor, without_reference
 from sensors.log import SensorLog
 from vehicle_model.car.errors import BadInput
 from vehicle_model.car.files import read_car
@@ -166,10 +167,10 @@ def weigh(
             calibration = calibrate(reference, both, library, coarse=coarse)
         layout = both
         if not reference:
-            calibration, told = _without_reference(trips, layout, library, hide, thresholds, coarse)
+            calibration, told = without_reference(trips, layout, library, hide, thresholds, coarse)
             notes += told
             if told:
-                thresholds = replace(thresholds, floor={**thresholds.floor, **_foreign_floor(library)})
+                thresholds = replace(thresholds, floor={**thresholds.floor, **foreign_floor(library)})
         trips, whitened = doubted(trips, layout, calibration, coarse=coarse)
         gram = total_gram(whitened)
         reduced = reduce(gram, layout, calibration)
@@ -192,40 +193,6 @@ def weigh(
         car, tuple(reference), tuple(trips), library, layout, calibration, reduced, posterior, tuple(where), shrinkage,
         tuple(dumb), tuple(notes), coarse, tuple(hide), delay, control, advice_regret=waste,
     )  # fmt: skip
-
-
-def _foreign_floor(library: Library) -> dict[str, float]:
-    """Floors of the effects that a foreign engine and gearbox look like for ever."""
-    return {
-        f"{v.effect}.{c.parameter.split('~')[0]}": ALWAYS * c.sd
-        for v in library.variants if v.effect in LIKE_ANOTHER_CAR for c in v.columns
-    }  # fmt: skip
-
-
-def _without_reference(
-    trips: Sequence[Trip], layout: Layout, library: Library, hide: Sequence[str],
-    thresholds: evidence.Thresholds, coarse: bool,
-) -> tuple[Calibration, list[str]]:  # fmt: skip
-    """How far these trips' engine is from the simulator's own: the freedom of the correction under which trips and best
-    cause together are likeliest. A foreign map is thereby never taken for an effect."""
-    best: tuple[float, Calibration, float] | None = None
-    for freedom in FREEDOM:
-        calibration = calibrate([], layout, library, coarse=coarse, freedom=freedom)
-        _, whitened = doubted(trips, layout, calibration, coarse=coarse)
-        gram = total_gram(whitened)
-        reduced = reduce(gram, layout, calibration)
-        h = evidence.hypotheses(reduced, library, layout, hide, thresholds, pairs=False)
-        gain = max([0.0, *h.singles.values()])
-        likely = log_evidence(gram, layout, calibration) + gain
-        if best is None or likely > best[0]:
-            best = (likely, calibration, freedom)
-    assert best is not None
-    if best[2] == FREEDOM[0]:
-        return best[1], []
-    return best[1], [
-        "no reference trips, and the engine's map is not the simulator's: what these trips show of fuel is taken for "
-        "the map first; reference trips of the same car would tell the two apart"
-    ]
 
 
 def _delay(trips, whitened, layout, calibration, library, hide, thresholds) -> float | None:
@@ -272,14 +239,6 @@ def _controls(trips, whitened, layout, calibration, library, posterior) -> dict[
     return out
 
 
-LIKE_ANOTHER_CAR = frozenset({
-    "rolling_resistance", "brake_drag", "accessory_load", "idle_fuel", "fuel_energy", "injector_fouling",
-    "injector_dead_time", "enrichment", "map_drift", "fuel_cutoff", "cornering_drag", "driveline_loss", "clutch_slip",
-    "shift_loss",
-})  # fmt: skip
-"""Effects that are functions of the present state alone: without references another engine looks the same."""
-ALWAYS = 0.5
-"""Prior deviations of such an effect that another car may have for ever."""
 REFITS = 2
 """Re-simulations of the leading hypotheses."""
 SHORTEST = 45.0

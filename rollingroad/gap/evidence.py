@@ -14,7 +14,7 @@ from rollingroad.gap import generic
 from rollingroad.gap.calibration import Reduced
 from rollingroad.gap.fits import Fit, cosine, fit, log_mean_exp, physical
 from rollingroad.gap.outside import outside
-from rollingroad.gap.signatures import Variant
+from rollingroad.gap.signature_form import Variant
 from rollingroad.gap.trips import Layout, Library
 
 Array = NDArray[np.float64]

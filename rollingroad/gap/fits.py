@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from rollingroad.gap.calibration import Reduced
-from rollingroad.gap.signatures import Variant
+from rollingroad.gap.signature_form import Variant
 
 Array = NDArray[np.float64]
 

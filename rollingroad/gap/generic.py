@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rollingroad.gap.channels import block_means
 from rollingroad.gap.replay import replay_vector
-from rollingroad.gap.signatures import Context
+from rollingroad.gap.signature_form import Context
 from vehicle_model.car.parameters import Car
 
 Array = NDArray[np.float64]

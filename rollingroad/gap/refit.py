@@ -26,7 +26,7 @@ from rollingroad.gap.design import FUEL, map_correction
 from rollingroad.gap.evidence import Posterior
 from rollingroad.gap.fits import fit
 from rollingroad.gap.replay import replay_vector, vector_of
-from rollingroad.gap.signatures import Context, Variant
+from rollingroad.gap.signature_form import Context, Variant
 from rollingroad.gap.trips import Layout, Library, Trip, Whitened, marginal_gram, total_gram
 from vehicle_model.car.errors import BadInput
 from vehicle_model.car.parameters import Car

@@ -18,7 +18,7 @@ from rollingroad.gap.design import map_correction
 from rollingroad.gap.evidence import Posterior
 from rollingroad.gap.fits import fit
 from rollingroad.gap.replay import Motion, replay_vector, vector_of
-from rollingroad.gap.signatures import Variant
+from rollingroad.gap.signature_form import Variant
 from rollingroad.gap.trips import Layout, Library, Trip, Whitened, total_gram
 from vehicle_model.car.errors import BadInput
 from vehicle_model.car.parameters import Car

@@ -6,7 +6,7 @@ import numpy as np
 
 from rollingroad.gap.fits import Fit
 from rollingroad.gap.identify import class_of, separators
-from rollingroad.gap.signatures import Variant
+from rollingroad.gap.signature_form import Variant
 
 if TYPE_CHECKING:
     from rollingroad.gap.diagnose import Diagnosis

@@ -13,7 +13,7 @@ from rollingroad.gap.design import FUEL
 from rollingroad.gap.evidence import Posterior
 from rollingroad.gap.fits import fit
 from rollingroad.gap.outside import correction
-from rollingroad.gap.signatures import Variant
+from rollingroad.gap.signature_form import Variant
 from rollingroad.gap.trips import Layout, Library, Trip, Whitened, stack, total_gram
 from rollingroad.gap.where import signal
 

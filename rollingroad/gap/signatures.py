@@ -6,84 +6,26 @@ is averaged; a variant has one or more columns, whose coefficients are the effec
 values.
 """
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.observe import pulse_angle
-from rollingroad.gap.blocks import Prepared
-from rollingroad.gap.channels import Correction, block_means, resensed, values
-from rollingroad.gap.design import CLOCK, RATIO
-from rollingroad.gap.replay import replay_vector, vector_of
+from rollingroad.gap.sensor_signatures import (
+    clock,
+    dead_time,
+    gps_lag,
+    grade_map,
+    mount,
+    sensor,
+    tyre_radius,
+    wheel_radius,
+    wheel_slip,
+)
+from rollingroad.gap.signature_form import COHERENT, PERIODS, Column, Context, Variant
 from vehicle_model.car.parameters import Car
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Column:
-    """One column: the parameter it moves, its unit and neutral value, the prior deviation of its coefficient."""
-
-    parameter: str
-    unit: str
-    neutral: float
-    sd: float
-    sign: int = 0
-    """+1 or -1 where the coefficients of this parameter's columns, added up, can only have that sign, physically."""
-
-
-@dataclass(frozen=True)
-class Variant:
-    """One shape of an effect."""
-
-    effect: str
-    columns: tuple[Column, ...]
-    shape: Mapping[str, float]
-    """Parameters of shape, as settings."""
-    make: Callable[["Context"], Array]
-    """(m, number of columns)."""
-    settings: Callable[[Array], list[dict[str, float]]] | None = None
-    """Settings of the simulator, at given coefficients, whose signals add up to the effect's; None for a sensor's."""
-    swings: bool = False
-    """The first column is the mean of what comes and goes by the two others: without a swing it is another effect."""
-
-    def at(self, c: "Context", value: Array) -> Array:
-        """(m,): the signal re-simulated at coefficients `value`. Raises BadInput where the simulator refuses them."""
-        assert self.settings is not None
-        return sum((c.neutral - c.residual(one) for one in self.settings(value)), np.zeros(len(c.base)))
-
-
-@dataclass(frozen=True)
-class Context:
-    """A trip and the nominal car that it is compared with."""
-
-    p: Prepared
-    car: Car
-    vector: Array
-    base: Array
-    fuel: Array
-    """(m,) W, what the calibrated simulator says that each fuel block burns. (The measured fuel as a regressor of
-    itself
-    would explain its own noise.)"""
-    correction: Correction | None = None
-
-    def residual(self, settings: Mapping[str, float]) -> Array:
-        """(m,): measured less calibrated replay under `settings` ("effect.parameter": value)."""
-        return values(self.p, self.car, vector_of(self.car, settings), self.correction)
-
-    @cached_property
-    def neutral(self) -> Array:
-        """(m,): the same with nothing set."""
-        return values(self.p, self.car, self.vector, self.correction)
-
-    @cached_property
-    def compressor(self) -> Array:
-        """(m,) per W at the crankshaft."""
-        return (self.neutral - self.residual({"accessory_load.power": 400.0})) / 400.0 * 0.536
 
 
 def _plant(
@@ -104,26 +46,6 @@ def _plant(
         return [{**moved, **shape}]
 
     return Variant(effect, columns, shape, make, settings)
-
-
-def _sensor(effect: str, columns: tuple[Column, ...], make: Callable[[Context], list[Array]]) -> Variant:
-    return Variant(effect, columns, {}, lambda c: np.stack(make(c), axis=1))
-
-
-def _moved(c: Context, **channels: Any) -> Array:
-    """Change of the residuals if the trace's `channels` were these."""
-    return (
-        values(resensed(c.p, replace(c.p.trace, **channels), c.car, c.vector), c.car, c.vector, c.correction)
-        - c.neutral
-    )
-
-
-def _speed_scaled(c: Context, share: Array) -> Array:
-    """Change per unit if the wheels told (1 + share) times the speed."""
-    step = 0.01
-    t = c.p.trace
-    v = t.speed * (1.0 + step * share)
-    return _moved(c, speed=v, acceleration=t.acceleration * (1.0 + step * share)) / step
 
 
 def _wind() -> Variant:
@@ -169,78 +91,6 @@ def _warm(
     return Variant(effect, columns, shapes[0], make, settings)
 
 
-def _wheel_slip(c: Context) -> list[Array]:
-    force = replay_vector(c.vector, c.p.samples.motion).road_force
-    compliance = 1.0 / (30.0 * 0.55 * c.car.mass * c.car.gravity)
-    return [_speed_scaled(c, np.clip(force, -4000, 6000) * compliance)]
-
-
-def _wheel_radius(c: Context) -> list[Array]:
-    v = c.p.trace.speed
-    return [-_speed_scaled(c, np.ones_like(v)), -_speed_scaled(c, (v / 27.78) ** 2)]
-
-
-def _tyre_radius(c: Context) -> list[Array]:
-    """As `_wheel_radius`, of the tyre itself and not of the sensor's scale: the engine turns with the wheel."""
-    return [np.where(c.p.layout.channel == RATIO, 0.0, column) for column in _wheel_radius(c)]
-
-
-def _mount(c: Context) -> list[Array]:
-    t = c.p.trace
-    time = t.time - t.time[0]
-    g = c.car.gravity
-    known = np.where(np.isfinite(t.force), t.force, 0.0)
-    return [
-        _moved(c, force=t.force - 0.01 * g) / 0.01,  # the box's nose up by more than the file says: it reads less
-        _moved(c, force=t.force + 0.02 * known) / 0.02,
-        _moved(c, force=t.force + 0.1 * time / 3600.0) / 0.1,
-    ]
-
-
-def _dead_time(c: Context) -> list[Array]:
-    m = c.p.samples.motion
-    firing = ~c.p.trace.cut
-    power = c.car.injector_power * m.engine_speed / pulse_angle(c.car) * firing
-    return [block_means(c.p, "fuel_power", power)]
-
-
-def _fixes(c: Context, sample: Array) -> Array:
-    at = c.p.trace.gps["t"] - c.p.trace.time[0]
-    return np.interp(at - 0.2, c.p.samples.motion.time, sample)
-
-
-def _gps_lag(c: Context) -> list[Array]:
-    if not c.p.trace.gps:
-        return [np.zeros(len(c.base))] * 2
-    first = block_means(c.p, "gnss_speed", -_fixes(c, c.p.samples.motion.acceleration))
-    second = np.zeros(len(c.base))
-    if c.p.trace.second:
-        at = c.p.trace.second["t"] - c.p.trace.time[0]
-        m = c.p.samples.motion
-        second = block_means(c.p, "gnss_second", -np.interp(at - 0.2, m.time, m.acceleration))
-    return [first, second]
-
-
-def _clock(c: Context) -> list[Array]:
-    return [(c.p.layout.channel == CLOCK).astype(float)]
-
-
-def _grade_map(c: Context) -> list[Array]:
-    if not c.p.trace.gps:
-        return [np.zeros(len(c.base))] * 2
-    m = c.p.samples.motion
-    height = c.p.trace.gps["map_altitude"]
-    good = np.isfinite(height)
-    slope = np.zeros(len(height))
-    if good.sum() > 50:
-        s = _fixes(c, m.distance)
-        at = np.arange(s[good][0], s[good][-1] + 1.0, 20.0)
-        level = np.interp(at, np.maximum.accumulate(s[good]), height[good])
-        level = np.convolve(np.pad(level, 3, mode="edge"), np.ones(7) / 7, mode="valid")
-        slope = np.interp(s, at, np.gradient(level, 20.0)) if len(at) > 5 else slope
-    return [block_means(c.p, "height_map", _fixes(c, m.distance)), block_means(c.p, "height_map", slope)]
-
-
 def variants(car: Car) -> list[Variant]:
     """The library, as Variants; effects without an observable signature are found out by their columns being zero."""
     out = [
@@ -262,7 +112,7 @@ def variants(car: Car) -> list[Variant]:
         _plant("accessory_load", {"power": (0.0, 400.0, "W", 400.0, 0)}, {}),
         _plant("fuel_cutoff", {"share": (1.0, -0.5, "", 0.5, -1)}, {}),
         _plant("idle_fuel", {"factor": (1.0, 0.2, "", 0.2, 0)}, {}),
-        _sensor("fuel_energy", (Column("factor", "", 1.0, 0.03),), lambda c: [-c.fuel]),
+        sensor("fuel_energy", (Column("factor", "", 1.0, 0.03),), lambda c: [-c.fuel]),
         _plant("driveline_loss", {"share": (0.0, 0.02, "", 0.02, 0)}, {}),
         _plant("driveline_loss", {"drag": (1.0, 0.5, "", 0.8, 0)}, {}),
         _plant("clutch_slip", {"launch": (1.0, 0.2, "", 0.3, 0)}, {}),
@@ -270,19 +120,19 @@ def variants(car: Car) -> list[Variant]:
         _plant("cornering_drag", {"factor": (1.0, 1.0, "", 1.2, 0)}, {}),
         _plant("brake_drag", {"force": (0.0, 20.0, "N", 25.0, 1)}, {}),
         _plant("brake_drag", {"after_braking": (0.0, 20.0, "N", 30.0, 1)}, {}),
-        _sensor("injector_dead_time", (Column("extra", "s", 0.0, 1.5e-4),), _dead_time),
-        _sensor("injector_fouling", (Column("flow_lost", "", 0.0, 0.05),), lambda c: [c.fuel]),
-        _sensor("wheel_slip", (Column("factor", "", 1.0, 1.0),), _wheel_slip),
-        _sensor("wheel_radius", (Column("change", "", 0.0, 0.012), Column("growth", "", 0.0, 0.004)), _wheel_radius),
-        _sensor("wheel_radius", (Column("change", "", 0.0, 0.012), Column("growth", "", 0.0, 0.004)), _tyre_radius),
-        _sensor("accelerometer_mount",
+        sensor("injector_dead_time", (Column("extra", "s", 0.0, 1.5e-4),), dead_time),
+        sensor("injector_fouling", (Column("flow_lost", "", 0.0, 0.05),), lambda c: [c.fuel]),
+        sensor("wheel_slip", (Column("factor", "", 1.0, 1.0),), wheel_slip),
+        sensor("wheel_radius", (Column("change", "", 0.0, 0.012), Column("growth", "", 0.0, 0.004)), wheel_radius),
+        sensor("wheel_radius", (Column("change", "", 0.0, 0.012), Column("growth", "", 0.0, 0.004)), tyre_radius),
+        sensor("accelerometer_mount",
                 (Column("pitch", "rad", 0.0, 0.03), Column("scale", "", 0.0, 0.03), Column("drift", "m/s2/h", 0.0,
-                    0.15)), _mount),
-        _sensor("gps_lag", (Column("seconds", "s", 0.2, 0.5), Column("seconds_of_second_receiver", "s", 0.2, 1.0)),
-            _gps_lag),
-        _sensor("clock_skew", (Column("rate", "", 0.0, 1.5e-4),), _clock),
-        _sensor("grade_map_error", (Column("bias", "", 0.0, 0.003),), lambda c: _grade_map(c)[:1]),
-        _sensor("grade_map_error", (Column("shift", "m", 0.0, 15.0),), lambda c: _grade_map(c)[1:]),
+                    0.15)), mount),
+        sensor("gps_lag", (Column("seconds", "s", 0.2, 0.5), Column("seconds_of_second_receiver", "s", 0.2, 1.0)),
+            gps_lag),
+        sensor("clock_skew", (Column("rate", "", 0.0, 1.5e-4),), clock),
+        sensor("grade_map_error", (Column("bias", "", 0.0, 0.003),), lambda c: grade_map(c)[:1]),
+        sensor("grade_map_error", (Column("shift", "m", 0.0, 15.0),), lambda c: grade_map(c)[1:]),
     ]  # fmt: skip
     out.append(_cold_with_start())
     for bearing in (0.0, 0.79, 1.57, 2.36):
@@ -297,10 +147,6 @@ def variants(car: Car) -> list[Variant]:
     for frequency in np.arange(1.0 / PERIODS[1], 1.0 / PERIODS[0], 1.0 / COHERENT):
         out.append(_cycling(float(1.0 / frequency)))
     return out
-
-
-PERIODS, COHERENT = (17.0, 65.0), 1500.0
-"""s: of a compressor; twice the longest time over which two neighbouring frequencies stay in step."""
 
 
 def _cold_with_start() -> Variant:

@@ -14,18 +14,10 @@ from numpy.typing import NDArray
 from rollingroad.gap import generic, signatures
 from rollingroad.gap.blocks import Prepared
 from rollingroad.gap.channels import block_means, values
-from rollingroad.gap.design import (
-    FUEL,
-    Columns,
-    Noise,
-    calibration_columns,
-    map_correction,
-    tolerance_columns,
-    trip_columns,
-    whitener,
-)
+from rollingroad.gap.design import FUEL, Columns, calibration_columns, map_correction, tolerance_columns, trip_columns
+from rollingroad.gap.noise import Noise, whitener
 from rollingroad.gap.replay import replay_vector
-from rollingroad.gap.signatures import Context, Variant
+from rollingroad.gap.signature_form import Context, Variant
 from vehicle_model.car.parameters import Car
 
 Array = NDArray[np.float64]

@@ -10,7 +10,7 @@ from rollingroad.gap.challenge.calibrate import Case, floors, log_score
 from rollingroad.gap.challenge.kept import read_evidence, write_evidence
 from rollingroad.gap.evidence import Hypotheses, Thresholds
 from rollingroad.gap.fits import Fit
-from rollingroad.gap.signatures import Column, Variant
+from rollingroad.gap.signature_form import Column, Variant
 from rollingroad.gap.trips import Layout, Library
 from vehicle_model.car.errors import BadInput
 

@@ -7,9 +7,10 @@ import pytest
 
 from rollingroad.gap.calibration import Calibration
 from rollingroad.gap.cycling import tuned
-from rollingroad.gap.design import FUEL, Columns, default_noise
+from rollingroad.gap.design import FUEL, Columns
 from rollingroad.gap.fits import Fit, physical
-from rollingroad.gap.signatures import COHERENT, Column, Variant
+from rollingroad.gap.noise import default_noise
+from rollingroad.gap.signature_form import COHERENT, Column, Variant
 from rollingroad.gap.trips import Layout, Trip, Whitened
 
 COLUMNS = (Column("power", "W", 0.0, 1500.0, 1), Column("power~1", "W", 0.0, 800.0), Column("power~2", "W", 0.0, 800.0))

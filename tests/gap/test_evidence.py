@@ -5,10 +5,10 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from rollingroad.gap.calibration import Calibration, Reduced, reduce
-from rollingroad.gap.design import default_noise
 from rollingroad.gap.evidence import Hypotheses, Thresholds, weighed
 from rollingroad.gap.fits import SCALES, Fit, cosine, fit, log_mean_exp
-from rollingroad.gap.signatures import Variant
+from rollingroad.gap.noise import default_noise
+from rollingroad.gap.signature_form import Variant
 from rollingroad.gap.trips import Layout
 
 

@@ -9,7 +9,7 @@ from rollingroad.gap.evidence import floored
 from rollingroad.gap.fits import SCALES, cosine, fit
 from rollingroad.gap.generic import Regressor
 from rollingroad.gap.outside import correction, models, outside
-from rollingroad.gap.signatures import Column, Variant
+from rollingroad.gap.signature_form import Column, Variant
 from rollingroad.gap.trips import Layout, Library
 
 NAMED = 1

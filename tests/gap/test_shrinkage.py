@@ -7,7 +7,8 @@ import pytest
 
 from rollingroad.gap.blocks import CHANNELS
 from rollingroad.gap.calibration import Calibration
-from rollingroad.gap.design import FUEL, Columns, default_noise
+from rollingroad.gap.design import FUEL, Columns
+from rollingroad.gap.noise import default_noise
 from rollingroad.gap.shrinkage import _trip_fuel
 from rollingroad.gap.trips import Layout, Trip
 
