@@ -44,4 +44,9 @@ class Run:
     @property
     def gears_told(self) -> bool:
         """Whether the advised driver was told gears; else those of `advice` are the plan's alone."""
-        return bool(self.results["advised"].get("gears_told", True))
+        return gears_told(self.results)
+
+
+def gears_told(results: Mapping[str, Any]) -> bool:
+    """Whether the advised driver of `run --json` was told gears; runs that do not say so told them."""
+    return bool(results["advised"].get("gears_told", True))

@@ -4,15 +4,18 @@ from collections.abc import Callable
 
 from sim.acceleration_advisor import AccelerationSynthesis
 from sim.advisor import Advisor, Context
-from sim.receding_horizon import RecedingHorizon
+from sim.receding_horizon import NODES, WHOLE_STEP, RecedingHorizon
 from sim.rules_of_thumb import Coach, GlideToStop
 from vehicle_model.car.errors import BadInput
 
 __all__ = ["ADVISORS", "FIXED", "Context", "make"]
 
+FINE = 2
+"""How much finer the oracle's grid is."""
+
 
 def _oracle(context: Context) -> Advisor:
-    return RecedingHorizon(context, step=5.0, nodes=600)
+    return RecedingHorizon(context, step=WHOLE_STEP / FINE, nodes=NODES * FINE)
 
 
 ADVISORS: dict[str, Callable[[Context], Advisor]] = {

@@ -25,6 +25,8 @@ from sim.advisor import COAST, HIS_OWN, Context, Suggestion, View, keeps_his_dis
 from sim.signal_timing import ABOVE, SETTLE, Timing, slower, timing
 from vehicle_model.car.errors import BadInput
 
+WHOLE_STEP, NODES = 10.0, 300
+"""m between the places of the whole road's plan, and speeds of both plans' grid."""
 PERIOD = 1.0
 """s between two plans."""
 STEP, STAGES = 5.0, 50
@@ -69,8 +71,8 @@ class RecedingHorizon:
     """Replans every second; see the module. `step` m and `nodes` (speeds) set the grid of the whole road's plan."""
 
     context: Context
-    step: float = 10.0
-    nodes: int = 300
+    step: float = WHOLE_STEP
+    nodes: int = NODES
     _whole: Advice | None = field(default=None, init=False, repr=False)
 
     def reset(self) -> None:

@@ -38,11 +38,9 @@ class Found:
     """Seeds whose own baseline time lies beyond all that was driven; they count in the means all the same."""
 
 
-def mean(baseline: Mapping[int, Account], drives: Mapping[int, Account], price: float) -> Consumption:
-    """Sums over the seeds; `time` relative to the baseline's over the same seeds."""
-    base = sum(baseline[seed]["time"] for seed in drives)
-    total = {key: sum(a[key] for a in drives.values()) for key in ("fuel", "time", "distance", "end_energy")}
-    return Consumption(**(total | {"time": total["time"] / base}), price=price)
+def relative_time(baseline: Mapping[int, Account], drives: Mapping[int, Account]) -> float:
+    """Mean trip time of `drives` over that of `baseline` over the same seeds."""
+    return sum(a["time"] for a in drives.values()) / sum(baseline[seed]["time"] for seed in drives)
 
 
 def at_equal_time(baseline: Mapping[int, Account], driven: Mapping[float, Mapping[int, Account]]) -> Found | None:
@@ -52,7 +50,7 @@ def at_equal_time(baseline: Mapping[int, Account], driven: Mapping[float, Mappin
     interpolated between the two that bracket it, or taken at the nearest (`Found.equal` False).
     """
     prices = sorted(driven)
-    ratios = [mean(baseline, driven[price], price).time for price in prices]
+    ratios = [relative_time(baseline, driven[price]) for price in prices]
     if not prices:
         return None
     pair, equal = bracket(ratios, 1.0), True

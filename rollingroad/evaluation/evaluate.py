@@ -28,9 +28,8 @@ from typing import Any
 import numpy as np
 from scipy.stats import t as student
 
-from rollingroad.evaluation.compare import Consumption
 from rollingroad.evaluation.engine import Outcome, opened, run_units
-from rollingroad.evaluation.equal_time import Account, Found, at_equal_time, mean
+from rollingroad.evaluation.equal_time import Account, Found, at_equal_time, relative_time
 from rollingroad.evaluation.evaluate_advisors import FIXED, PACED, PLANNERS, UNHURRIED, advisor_names
 from rollingroad.evaluation.price_search import LEAP, ROUNDS, drive_around, lowest_in_time
 from rollingroad.evaluation.store import Store, Unit
@@ -157,11 +156,11 @@ class _World:
         if not self.baseline:
             return
         driven: dict[float, dict[int, Account]] = {}
-        rounds, seeds, start, leap = 1 if way.advisor in FIXED else ROUNDS, list(self.baseline), None, LEAP
+        rounds, seeds = 1 if way.advisor in FIXED else ROUNDS, list(self.baseline)
+        start, leap = self._begin_with(way), LEAP
         if len(seeds) >= 2 * SCOUTS and rounds > 1:
-            start = lowest_in_time(drive_around(self._at(way, seeds[:SCOUTS], {}), self._begin_with(way), rounds))
-            leap = 1
-        drive_around(self._at(way, seeds, driven), start or self._begin_with(way), rounds, leap)
+            start, leap = lowest_in_time(drive_around(self._at(way, seeds[:SCOUTS], {}), start, rounds)) or start, 1
+        drive_around(self._at(way, seeds, driven), start, rounds, leap)
         found = at_equal_time(self.baseline, driven)
         if found is None or not found.equal:
             self._fail(way.advisor, "no price of time makes the mean trip as long as the baseline's", drive=str(way))
@@ -170,21 +169,16 @@ class _World:
 
     def _at(
         self, way: Way, seeds: Sequence[int], driven: dict[float, dict[int, Account]]
-    ) -> Callable[[Sequence[float]], Sequence[Consumption]]:
-        """What drives `seeds` at prices of time, adds the accounts to `driven`, and returns the means."""
+    ) -> Callable[[float], float | None]:
+        """What drives `seeds` at a price of time, adds the accounts to `driven`, and returns the relative time."""
 
-        def at(prices: Sequence[float]) -> list[Consumption]:
-            asked: list[tuple[str, int, dict[str, Any]]] = [
-                ("advised_drive", seed, {
-                    "advisor_name": way.advisor, "knowledge": way.knowledge, "price": price, "perfect": way.perfect,
-                })
-                for price in prices
-                for seed in seeds
-            ]  # fmt: skip
-            for (_, seed, more), outcome in zip(asked, self._do(asked, way.advisor), strict=True):
+        def at(price: float) -> float | None:
+            how = {"advisor_name": way.advisor, "knowledge": way.knowledge, "price": price, "perfect": way.perfect}
+            asked = [("advised_drive", seed, how) for seed in seeds]
+            for (_, seed, _), outcome in zip(asked, self._do(asked, way.advisor), strict=True):
                 if outcome.result is not None:
-                    driven.setdefault(more["price"], {})[seed] = outcome.result
-            return [mean(self.baseline, driven[price], price) for price in prices if price in driven]
+                    driven.setdefault(price, {})[seed] = outcome.result
+            return relative_time(self.baseline, driven[price]) if price in driven else None
 
         return at
 

@@ -8,9 +8,9 @@ from importlib.metadata import entry_points
 
 from controller.advice import Advice
 from controller.route import plan_route
-from rollingroad.arrows import PLAN_STEP
 from sim.advisor import Advisor, Context
-from sim.advisors import ADVISORS, FIXED, make
+from sim.advisors import ADVISORS, FINE, FIXED, make
+from sim.receding_horizon import NODES, WHOLE_STEP
 from vehicle_model.car.errors import BadInput
 
 __all__ = ["FIXED", "PACED", "PLANNERS", "UNHURRIED", "advisor", "advisor_names", "at_price", "pace", "plan"]
@@ -20,8 +20,6 @@ PLANNERS = ("pontryagin",)
 """Those whose loss to the map and to the planner can be told apart on paper."""
 PACED = ("acceleration", "coach")
 """Those that plan no route: only their pace makes their trips longer (`pace`)."""
-FINE, NODES = 2, 300
-"""The planner's grid of speeds, and how much finer the oracle's is."""
 UNHURRIED = 100.0
 """W: below it time costs next to nothing, and a slower trip takes lower speeds than the limits (`pace`)."""
 
@@ -44,7 +42,8 @@ def at_price(known: Context, price: float) -> Context:
 
 def plan(known: Context, *, fine: bool = False) -> Advice:
     """The optimal drive over the whole road by what is `known`, on the planner's grid or on the oracle's."""
-    step = PLAN_STEP / FINE if fine else PLAN_STEP
+    finer = FINE if fine else 1
+    step = WHOLE_STEP / finer
     return plan_route(
         known.road,
         known.fuel_map,
@@ -53,7 +52,7 @@ def plan(known: Context, *, fine: bool = False) -> Advice:
         end_speed=known.end_speed,
         time_value=known.time_value,
         step=step,
-        nodes=NODES * FINE if fine else NODES,
+        nodes=NODES * finer,
         policy_step=step,
         certify=False,
     )

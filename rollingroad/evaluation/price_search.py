@@ -1,9 +1,9 @@
 """The price of time at which advised trips take, in the mean, as long as the baseline's: sought on a grid of prices."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 
-from rollingroad.evaluation.compare import Consumption, bracket
+from rollingroad.evaluation.compare import bracket
 from rollingroad.evaluation.evaluate_advisors import UNHURRIED
 
 PRICE_STEP = 10.0**0.25
@@ -26,9 +26,10 @@ def on_grid(price: float) -> int:
 
 
 def drive_around(
-    at: Callable[[Sequence[float]], Sequence[Consumption]], price: float, rounds: int, leap: int = LEAP
+    at: Callable[[float], float | None], price: float, rounds: int, leap: int = LEAP
 ) -> dict[float, float]:
     """Drive at prices of time until two with relative times around `AIM` are one step apart, or `rounds` are over.
+    `at` drives at a price and returns the relative time, None where no drive succeeded.
 
     One price after the other, each where the times so far point to, `leap` steps on while all are on one side; content
     with a time within `CLOSE` where the next price would be below `UNHURRIED`: to hold back a drive that is a little
@@ -37,10 +38,10 @@ def drive_around(
     times: dict[int, float] = {}
     step = on_grid(price)
     for _ in range(rounds):
-        done = at([PRICE_STEP**step])
-        if not done:
+        time = at(PRICE_STEP**step)
+        if time is None:
             break
-        times[step] = done[0].time
+        times[step] = time
         steps = sorted(times)
         pair = bracket([times[k] for k in steps], AIM)
         if pair is None and min(times.values()) > AIM:

@@ -238,6 +238,3 @@ def trip_columns(
 def _at_fixes(p: Prepared, sample: Array) -> Array:
     at = p.trace.gps["t"] - p.trace.time[0]
     return np.interp(at - 0.2, p.samples.motion.time, sample)
-
-
-# --- noise ------------------------------------------------------------------------------------------------------------

@@ -13,6 +13,7 @@ import numpy as np
 
 from controller.advice import Advice
 from controller.advice_files import read_advice
+from rollingroad.run import gears_told
 from rollingroad.run_files import read_results
 from vehicle_model.car.errors import BadInput
 from vehicle_model.car.trip import Trip
@@ -47,7 +48,7 @@ class Frame:
     """%, of the fuel's power at the wheels: engine efficiency, not distance per litre; 0 where the fuel is cut."""
 
 
-def frames(trip: Trip, advice: Advice, *, gears_told: bool = True) -> list[Frame]:
+def frames(trip: Trip, advice: Advice, *, gears: bool = True) -> list[Frame]:
     """What the display would have shown along `trip`, RATE times a second; no gears to a driver who is told none.
 
     5.1.3 asks for the error against the setpoint as an arrow, for the costate, and for the engine's efficiency rather
@@ -57,7 +58,7 @@ def frames(trip: Trip, advice: Advice, *, gears_told: bool = True) -> list[Frame
     wanted = np.interp(trip.distance[rows], advice.s, advice.speed)
     costate = np.interp(trip.distance[rows], advice.s, advice.costate)
     gear = advice.gear[np.clip(np.searchsorted(advice.s, trip.distance[rows], side="right") - 1, 0, len(advice.s) - 1)]
-    gear = gear if gears_told else 0 * gear
+    gear = gear if gears else 0 * gear
     arrow = np.clip((wanted - trip.speed[rows]) / FULL_ARROW, -1.0, 1.0)
     power, fuel = (trip.thrust * trip.speed)[rows], trip.fuel_power[rows]
     efficiency = np.where(fuel > 0.0, 100.0 * np.maximum(power, 0.0) / np.maximum(fuel, 1.0), 0.0)
@@ -127,6 +128,6 @@ def replay_server(folder: Path, *, pace: float = 1.0, port: int = 0) -> Threadin
     path = folder / "advised" / "truth.parquet"
     if not path.is_file():
         raise BadInput(folder, "advised/truth.parquet", "expected a run folder with an advised drive")
-    told = bool(read_results(folder)["advised"].get("gears_told", True))
-    shown = frames(Trip.read(path), read_advice(folder / "advice.parquet"), gears_told=told)
+    told = gears_told(read_results(folder))
+    shown = frames(Trip.read(path), read_advice(folder / "advice.parquet"), gears=told)
     return display_server(lambda: replay(shown, pace), port)

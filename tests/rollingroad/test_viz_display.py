@@ -46,7 +46,7 @@ def test_the_arrow_points_where_the_plan_is(advice):
 def test_a_driver_who_is_told_no_gears_is_shown_none(advice):
     trip = drive(road(), 0.86)
     assert any(frame.advised_gear for frame in frames(trip, advice))
-    assert not any(frame.advised_gear for frame in frames(trip, advice, gears_told=False))
+    assert not any(frame.advised_gear for frame in frames(trip, advice, gears=False))
 
 
 def test_efficiency_is_the_engine_s_and_zero_while_the_fuel_is_cut(advice):
