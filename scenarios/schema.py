@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-DriverKind = Literal["good", "eidm", "krauss", "soft", "brisk"]
+DriverKind = Literal["good", "eidm", "alert", "krauss", "soft", "brisk"]
 Latitude = Annotated[float, Field(ge=-90.0, le=90.0)]
 Longitude = Annotated[float, Field(ge=-180.0, le=180.0)]
 

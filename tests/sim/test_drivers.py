@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 
 import scenarios
+from scenarios import files
+from sim.drive import journey
 from sim.drivers import STYLES, Foot
 from sim.envs.highway_eco import level_road
+from sim.traffic import Traffic
+from vehicle_model.car.files import read_car
 from vehicle_model.car.parameters import Car
 from vehicle_model.plant.session import Plant
 
@@ -53,3 +57,33 @@ def test_the_baseline_drivers_are_those_that_are_frozen_in_writing() -> None:
         if not style.cheapest_gear:
             assert shifts == f"{style.upshift:.2f} / {style.downshift:.2f}"
     assert STYLES["good"].coasts_before_stop == 150.0 and STYLES["krauss"].dawdling == 0.5
+    assert [kind for kind, style in STYLES.items() if style.looks_every] == ["alert"]
+
+
+@pytest.mark.parametrize(("kind", "brakes"), [("alert", False), ("eidm", True)])
+def test_who_looks_at_every_step_does_not_brake_for_nothing(
+    kind: str, brakes: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Given a road of one's own, when SUMO's EIDM is driven by a foot, then its plan brakes for nothing where it looks
+    every half second only (the frozen `eidm`), and never where it looks at every step."""
+    planned: list[float] = []
+    asked = Traffic.planned_acceleration
+
+    def noted(traffic: Traffic) -> float:
+        planned.append(asked(traffic))
+        return planned[-1]
+
+    monkeypatch.setattr(Traffic, "planned_acceleration", noted)
+    read = files.load("town")
+    alone = read.model_copy(
+        update={
+            "driver": read.driver.model_copy(update={"kind": kind}),
+            "traffic": read.traffic.model_copy(update={"vehicles": 0}),
+        }
+    )
+    for view, _ in journey(alone, read_car("smart"), 520):
+        if view.signal_state in ("red", "yellow") or view.time > 160.0:
+            planned.pop()
+        if view.time > 160.0:
+            break
+    assert (min(planned) < -1.0) == brakes
