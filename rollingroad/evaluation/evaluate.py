@@ -1,12 +1,12 @@
 """Advisors against baseline drivers, fairly: DESIGN.md, "Fair comparisons".
 
 For each scenario, car, advisor and baseline one price of time is sought at which the mean trip time over the seeds is
-within 1 % of the baseline's: of the prices driven that are, the lowest counts. What the drives are late within that
-1 % is charged at that price (at most `LATE`), to each seed its share; being early earns nothing. Where no price comes
-that near, fuel is interpolated between the two prices that bracket the baseline's time, with the share that makes the
-*mean* times equal. That interpolation alone is reported beside the fair figure (`exact_time_saving_percent`): at
-signals trip time falls in steps, and the last seconds may cost more fuel than they are worth to anybody. Seeds are
-paired: the same traffic with and without advice.
+within 1 % of the baseline's, in steps of 1.78 and then half a step (`price_search`): of the prices driven that are, the
+lowest counts. What the drives are late within that 1 % is charged at that price (at most `LATE`), to each seed its
+share; being early earns nothing. Where no price comes that near, fuel is interpolated between the two prices that
+bracket the baseline's time, with the share that makes the *mean* times equal. That interpolation alone is reported
+beside the fair figure (`exact_time_saving_percent`): at signals trip time falls in steps, and the last seconds may cost
+more fuel than they are worth to anybody. Seeds are paired: the same traffic with and without advice.
 
 The regret account says where advised - oracle went, in percent of the baseline's fuel and in joules:
 - `estimation`, `fit`, `optimiser`: on the empty road, one ingredient replaced at a time (see
@@ -31,7 +31,7 @@ from scipy.stats import t as student
 from rollingroad.evaluation.engine import Outcome, opened, run_units
 from rollingroad.evaluation.equal_time import Account, Found, at_equal_time, relative_time
 from rollingroad.evaluation.evaluate_advisors import FIXED, PACED, PLANNERS, UNHURRIED, advisor_names
-from rollingroad.evaluation.price_search import LEAP, ROUNDS, drive_around, lowest_in_time
+from rollingroad.evaluation.price_search import ROUNDS, seek
 from rollingroad.evaluation.store import Store, Unit
 from rollingroad.task import Task
 from vehicle_model.car.errors import BadInput
@@ -157,10 +157,9 @@ class _World:
             return
         driven: dict[float, dict[int, Account]] = {}
         rounds, seeds = 1 if way.advisor in FIXED else ROUNDS, list(self.baseline)
-        start, leap = self._begin_with(way), LEAP
-        if len(seeds) >= 2 * SCOUTS and rounds > 1:
-            start, leap = lowest_in_time(drive_around(self._at(way, seeds[:SCOUTS], {}), start, rounds)) or start, 1
-        drive_around(self._at(way, seeds, driven), start, rounds, leap)
+        few = len(seeds) >= 2 * SCOUTS and rounds > 1
+        scouts = self._at(way, seeds[:SCOUTS], {}) if few else None
+        seek(self._at(way, seeds, driven), self._begin_with(way), rounds, scouts)
         found = at_equal_time(self.baseline, driven)
         if found is None or not found.equal:
             self._fail(way.advisor, "no price of time makes the mean trip as long as the baseline's", drive=str(way))

@@ -11,6 +11,7 @@ from scipy import stats
 from rollingroad.evaluation.engine import run_units
 from rollingroad.evaluation.evaluate import World, evaluate, interval
 from rollingroad.evaluation.evaluate_advisors import UNHURRIED, at_price, pace, plan
+from rollingroad.evaluation.price_search import halfway
 from rollingroad.evaluation.store import Store
 from sim.advisor import Context
 from tests.rollingroad import evaluated as formula
@@ -89,6 +90,36 @@ def test_many_seeds_are_driven_only_near_the_price_that_a_few_found(tmp_path: Pa
     advised = [unit["arguments"] for unit in driven if unit["function"].endswith("advised_drive")]
     prices = [asked["price"] for asked in advised if asked["knowledge"] == "estimated"]
     assert len(prices) < 12 * len(set(prices)) * 2 / 3
+
+
+@pytest.mark.parametrize(("slowness", "half", "driven"), [(0.997, True, 12), (1.0, False, 4)])
+def test_the_price_half_a_step_below_counts_where_it_is_in_time_and_is_left_where_a_few_seeds_are_late(
+    tmp_path: Path, slowness: float, half: bool, driven: int
+) -> None:
+    """Given a price that is 1.4 or 1.7 % late and the next, 0.5 or 0.8 % late, when half a step between them is 0.9 or
+    1.2 % late, then it counts in the first case, and in the second only the scouts drive it."""
+    found = judged(tmp_path, seeds=12, slowness=slowness)
+    (row,) = found["rows"]
+    between = PRICE / 10.0**0.125
+    price = between if half else PRICE
+    late = 100.0 * (slowness * (1.0 - 0.01 * np.log2(price / 1000.0)) - 1.0)
+    assert row["price_W"] == pytest.approx(price)
+    assert row["time_difference_percent"] == pytest.approx(late) and 0.0 < late < 1.0
+    saved = 10.0 - np.log2(price / 1000.0) - late * price / 1000.0
+    assert row["fair_saving_percent"] == pytest.approx(saved, abs=1e-6)
+    kept = [json.loads(path.read_text()) for path in tmp_path.rglob("*.json")]
+    advised = [unit["arguments"] for unit in kept if unit["function"].endswith("advised_drive")]
+    finer = [asked for asked in advised if asked["price"] == pytest.approx(between)]
+    for way in (("pontryagin", False), ("oracle", False), ("oracle", True)):
+        same = [asked for asked in finer if (asked["advisor_name"], asked["perfect"]) == way]
+        assert len(same) == driven, way
+
+
+def test_no_finer_price_is_driven_where_none_is_late() -> None:
+    assert halfway({100.0: 0.99, 10.0**2.25: 0.97}) is None
+    assert halfway({100.0: 1.05, 10.0**2.25: 1.02}) is None, "nor where all are"
+    assert halfway({100.0: 1.05, 10.0**2.5: 1.0}) is None, "nor where the neighbour was not driven"
+    assert halfway({10.0: 1.05, 100.0: 1.02, 10.0**2.25: 1.0}) == pytest.approx(10.0**2.125)
 
 
 def test_without_the_oracle_nothing_is_measured_against_it(tmp_path: Path) -> None:
