@@ -62,6 +62,8 @@ class Replay:
     idle_speed: Array
     load: Array
     """engine torque / full load."""
+    knock: Array
+    """Share of the fuel's work that is lost by ignition retarded against knock, per unit of the plant's coefficient."""
 
 
 def replay(car: Car, motion: Motion, settings: Mapping[str, float] | None = None) -> Replay:
@@ -144,7 +146,7 @@ def replay_vector(p: Array, m: Motion) -> Replay:
     overrun = (1.0 - p[k.P_CUT_SHARE]) * closed - pumping - carried
 
     brake = np.maximum(np.where(locked | launching, torque, 0.0), lowest)
-    heat = _burn(p, w, brake, brake + carried, full, exhaust)
+    heat, retard = _burn(p, w, brake, brake + carried, full, exhaust)
     heat = heat * (1.0 + p[k.P_COLD_ENRICHMENT] * (1.0 - coolant))
     heat = heat * (1.0 + p[k.P_CRANK_RETARD] * np.maximum(0.0, 1.0 - m.time / p[k.P_CRANK_TIME]))
     heat = heat * np.where(moving > 0.0, 1.0, p[k.P_IDLE_FUEL])
@@ -153,19 +155,20 @@ def replay_vector(p: Array, m: Motion) -> Replay:
     low = np.clip((0.5 - (torque - overrun) / span) / 0.3 + 0.5, 0.0, 1.0)
     fast = np.clip((w - p[k.P_CUT_RESUME] - 0.5 * p[k.P_CUT_BAND]) / p[k.P_CUT_BAND] + 0.5, 0.0, 1.0)
     cut = np.where(locked, low * fast, 0.0)
-    closed_fuel = _burn(p, w, lowest, lowest + carried, full, exhaust)
+    closed_fuel, _ = _burn(p, w, lowest, lowest + carried, full, exhaust)
     cut_share = (1.0 - p[k.P_CUT_SHARE]) * closed_fuel
     fuel = ((1.0 - cut) * heat + cut * cut_share) / p[k.P_FUEL_ENERGY]
     overrun_force = lever * overrun * (1.0 + loss) - gear_drag - lever**2 * p[k.P_INERTIA] * m.acceleration
     idle = p[k.P_IDLE] + p[k.P_CRANK_IDLE] * np.maximum(0.0, 1.0 - m.time / p[k.P_CRANK_TIME])
     return Replay(
         force, torque, overrun, overrun_force, fuel, cut, float(p[k.P_LAUNCH_SPEED]), float(p[k.P_SHIFT_TIME]), idle,
-        brake / full,
+        brake / full, (1.0 - retard) / p[k.P_KNOCK],
     )  # fmt: skip
 
 
-def _burn(p: Array, w: Array, brake: Array, shaft: Array, full: Array, exhaust: Array) -> Array:
-    """W of fuel for `shaft` torque at the piston side of pumping: the plant's mean-value cycle, vectorised."""
+def _burn(p: Array, w: Array, brake: Array, shaft: Array, full: Array, exhaust: Array) -> tuple[Array, Array]:
+    """W of fuel for `shaft` torque at the piston side of pumping, and what retarded ignition leaves of its work (1:
+    all): the plant's mean-value cycle, vectorised."""
     per, gain = p[k.P_TORQUE_PER_PRESSURE], p[k.P_PRESSURE_GAIN]
     indicated = np.maximum.reduce(
         [(shaft + per * exhaust) * gain / (gain + 1.0), shaft + per * p[k.P_PUMPING_FLOOR], np.zeros_like(w)]
@@ -182,4 +185,4 @@ def _burn(p: Array, w: Array, brake: Array, shaft: Array, full: Array, exhaust: 
     a = (w - p[k.P_DRIFT_SPEED]) / p[k.P_DRIFT_SPEED_WIDTH]
     b = (brake - p[k.P_DRIFT_TORQUE]) / p[k.P_DRIFT_TORQUE_WIDTH]
     bump = 1.0 / (1.0 + 0.5 * (a * a + b * b))
-    return indicated * w / efficiency * rich * (1.0 + p[k.P_DRIFT] * bump**3)
+    return indicated * w / efficiency * rich * (1.0 + p[k.P_DRIFT] * bump**3), retard
