@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from rollingroad.gap import generic
 from rollingroad.gap.calibration import Reduced
 from rollingroad.gap.fits import Fit, cosine, fit, log_mean_exp, physical
+from rollingroad.gap.floors import floored
 from rollingroad.gap.outside import outside
 from rollingroad.gap.signature_form import Variant
 from rollingroad.gap.trips import Layout, Library
@@ -62,19 +63,6 @@ class Posterior:
     fits: Mapping[str, tuple[Variant, Fit]]
     pair_fits: Mapping[tuple[str, str], tuple[Variant, Variant, Fit]]
     regressors: tuple[tuple[generic.Regressor, ...], Fit] | None
-
-
-def floored(r: Reduced, library: Library, floor: Mapping[str, float]) -> Reduced:
-    """`r` with what the model's own errors make of each effect marginalised: below that there is nothing to explain."""
-    names = [f"{v.effect}.{c.parameter.split('~')[0]}" for v in library.variants for c in v.columns]
-    sd = np.array([floor.get(name, 0.0) for name in names])
-    index = np.flatnonzero(sd > 0.0)
-    if not len(index):
-        return r
-    cross = r.information[:, index] * sd[index]
-    middle = np.eye(len(index)) + sd[index, None] * r.information[np.ix_(index, index)] * sd[None, index]
-    solve = np.linalg.solve(middle, np.column_stack([cross.T, r.vector[index] * sd[index]]))
-    return Reduced(r.information - cross @ solve[:, :-1], r.vector - cross @ solve[:, -1])
 
 
 LEADING = 8

@@ -5,8 +5,8 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from rollingroad.gap.calibration import Reduced
-from rollingroad.gap.evidence import floored
 from rollingroad.gap.fits import SCALES, cosine, fit
+from rollingroad.gap.floors import floored
 from rollingroad.gap.generic import Regressor
 from rollingroad.gap.outside import correction, models, outside
 from rollingroad.gap.signature_form import Column, Variant

@@ -3,7 +3,7 @@
 `rollingroad challenge calibrate DIR... --out thresholds.json`, sets diagnosed by `challenge run DIR --keep`. Two steps:
 
 1. *Floors*: the deviation of what our own model's errors make of each effect, by maximum likelihood over the gap-free
-   cases (a fitted size is its noise plus the floor).
+   cases, all together (`floors.py`).
 2. *Priors, barrier, temperature and misfit*: the least mean negative log probability of the truth (a proper score, so
    that it also calibrates), over gap-free cases, singles and sensors at twice the limit and more, hidden cases and
    pairs, each kind with its own weight whatever the number of its cases.
@@ -18,13 +18,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize, minimize_scalar
+from scipy.optimize import minimize
 
 from rollingroad.gap.calibration import Reduced
 from rollingroad.gap.challenge.effects import same_class
 from rollingroad.gap.challenge.kept import read_evidence
 from rollingroad.gap.challenge.score import opened_key
 from rollingroad.gap.evidence import Hypotheses, Posterior, Thresholds, hypotheses, weighed
+from rollingroad.gap.floors import floors
 from rollingroad.gap.thresholds import load
 from rollingroad.gap.trips import Layout, Library
 from vehicle_model.car.files import read_car
@@ -35,8 +36,6 @@ WORST = 0.02
 """What a probability counts at least: a few hidden effects that look like a named one must not set all the rest."""
 FREE = ("barrier", "misfit", "temperature", "prior_outside", "prior_pair")
 """Thresholds that step 2 moves, all positive."""
-NOISE = 1.0
-"""A floor is set only where the gap-free fits spread more than this many of their own deviations."""
 
 
 @dataclass(frozen=True)
@@ -73,38 +72,6 @@ def read_cases(folders: Sequence[Path]) -> list[Case]:
     return cases
 
 
-def floors(cases: Sequence[Case]) -> dict[str, float]:
-    """Floor of each "effect.parameter" over the gap-free `cases`."""
-    seen: dict[str, list[tuple[float, float]]] = {}
-    for case in cases:
-        if case.kind != "gap_free":
-            continue
-        at = 0
-        for variant in case.library.variants:
-            for column in variant.columns:
-                a, b = case.reduced.information[at, at], case.reduced.vector[at]
-                if a * column.sd**2 > 1.0:
-                    name = f"{variant.effect}.{column.parameter.split('~')[0]}"
-                    seen.setdefault(name, []).append((b / a, 1.0 / a))
-                at += 1
-    out = {}
-    for name, rows in sorted(seen.items()):
-        x, variance = np.array(rows).T
-        if np.mean(x**2 / variance) <= NOISE**2:
-            continue
-        scale = float(np.sqrt(np.median(variance)))
-
-        def loss(log: float, x: Any = x, variance: Any = variance) -> float:
-            total = variance + np.exp(2.0 * log)
-            # Student's t with 5 degrees of freedom and that variance: one odd trip does not set the floor
-            return float(np.sum(0.5 * np.log(total) + 3.0 * np.log1p(x**2 / total / 3.0)))
-
-        best = minimize_scalar(loss, bounds=(np.log(0.02 * scale), np.log(10.0 * scale)), method="bounded")
-        if np.exp(best.x) > 0.1 * scale:
-            out[name] = float(f"{np.exp(best.x):.3g}")
-    return out
-
-
 def truth_probability(case: Case, p: Posterior) -> float:
     """Probability on the truth (its class) under `p`."""
     effects = [part["effect"] for part in case.key["parts"]]
@@ -133,7 +100,8 @@ def log_score(cases: Sequence[tuple[Case, Hypotheses]], t: Thresholds) -> float:
 def calibrate(folders: Sequence[Path], start: Thresholds | None = None) -> dict[str, Any]:
     """Return the content of `thresholds.json`, chosen on the sets in `folders` from `start` (the shipped ones)."""
     cases = [case for case in read_cases(folders) if case.kind is not None]
-    first = replace(start or load(), floor=floors(cases))
+    calm = [(case.reduced, case.library) for case in cases if case.kind == "gap_free"]
+    first = replace(start or load(), floor=floors(calm))
     ready = [(case, hypotheses(case.reduced, case.library, case.layout, case.hide, first)) for case in cases]
 
     def at(x: Any) -> Thresholds:

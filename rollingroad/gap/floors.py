@@ -1,0 +1,91 @@
+"""Floors: what our own model's errors make of each effect on trips without a gap, by maximum likelihood, together.
+
+A floor estimated for each effect alone is counted again by every effect that is like it: one error of the map at high
+load would be a floor of enrichment and of thirty local errors, each as large as the whole of it, and hide what all of
+them together never were.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from rollingroad.gap.calibration import Reduced
+from rollingroad.gap.trips import Library
+
+Array = NDArray[np.float64]
+ODD = ((1.0, 0.9), (4.0, 0.1))
+"""(times the floors, share of the trips): one odd trip in ten does not set the floor of all."""
+SMALL = 0.1
+"""A floor below this share of the median deviation of its size is none."""
+
+ENOUGH = 1e-5
+"""Share of the log likelihood below which a step is the last."""
+
+
+def column_names(library: Library) -> list[str]:
+    """ "effect.parameter" of every effect column, in order; columns of one parameter share their floor."""
+    return [f"{v.effect}.{c.parameter.split('~')[0]}" for v in library.variants for c in v.columns]
+
+
+def floored(r: Reduced, library: Library, floor: Mapping[str, float]) -> Reduced:
+    """`r` with what the model's own errors make of each effect marginalised: below that there is nothing to explain."""
+    sd = np.array([floor.get(name, 0.0) for name in column_names(library)])
+    index = np.flatnonzero(sd > 0.0)
+    if not len(index):
+        return r
+    cross = r.information[:, index] * sd[index]
+    middle = np.eye(len(index)) + sd[index, None] * r.information[np.ix_(index, index)] * sd[None, index]
+    solve = np.linalg.solve(middle, np.column_stack([cross.T, r.vector[index] * sd[index]]))
+    return Reduced(r.information - cross @ solve[:, :-1], r.vector - cross @ solve[:, -1])
+
+
+def _likelihood(a: Array, b: Array, variance: Array) -> tuple[float, Array]:
+    """Log likelihood of one trip's effects (information a, vector b) under floors of this `variance` (k,), less that
+    under none, and its derivative by each variance."""
+    root = np.sqrt(variance)
+    middle = np.eye(len(b)) + root[:, None] * a * root
+    solve = np.linalg.solve(middle, np.column_stack([root[:, None] * a, root * b]))
+    left = a - (a * root) @ solve[:, :-1]
+    score = b - (a * root) @ solve[:, -1]
+    log = 0.5 * float((root * b) @ solve[:, -1]) - 0.5 * float(np.linalg.slogdet(middle)[1])
+    return log, 0.5 * (score**2 - np.diag(left))
+
+
+def floors(cases: Sequence[tuple[Reduced, Library]]) -> dict[str, float]:
+    """Floor of each "effect.parameter" over `cases` without a gap; none where these trips are as likely without."""
+    names = sorted({name for _, library in cases for name in column_names(library)})
+    deviations: dict[str, list[float]] = {name: [] for name in names}
+    rows = []
+    for r, library in cases:
+        own, k = column_names(library), len(library.sd)
+        a, b = r.information[:k, :k], r.vector[:k]
+        seen = np.flatnonzero(np.diag(a) * library.sd**2 > 1.0)
+        for i in seen:
+            deviations[own[i]].append(float(a[i, i] ** -0.5))
+        rows.append((a[np.ix_(seen, seen)], b[seen], np.array([names.index(own[i]) for i in seen], int)))
+    scale = np.array([float(np.median(deviations[name])) if deviations[name] else 0.0 for name in names])
+
+    def loss(x: Array) -> tuple[float, Array]:
+        total, slope = 0.0, np.zeros(len(names))
+        for a, b, of in rows:
+            logs, slopes = [], []
+            for times, share in ODD:
+                log, by = _likelihood(a, b, x[of] * scale[of] ** 2 * times**2)
+                logs.append(log + np.log(share))
+                slopes.append(np.bincount(of, by * scale[of] ** 2 * times**2, len(names)))
+            both = float(np.logaddexp.reduce(logs))
+            total += both
+            slope += np.exp(np.array(logs) - both) @ np.array(slopes)
+        return -total, -slope
+
+    found = minimize(
+        loss, np.full(len(names), 0.1), jac=True, method="L-BFGS-B", bounds=[(0.0, 100.0)] * len(names),
+        options={"ftol": ENOUGH, "maxiter": 200},
+    )  # fmt: skip
+    size = np.sqrt(found.x)
+    return {
+        name: float(f"{share * unit:.3g}") for name, share, unit in zip(names, size, scale, strict=True)
+        if share > SMALL and unit > 0.0
+    }  # fmt: skip
