@@ -83,7 +83,8 @@ def whitener(p: Prepared, noise: Noise) -> Callable[[Array], Array]:
 
 def _height_covariance(p: Prepared, index: NDArray, noise: Noise) -> Array:
     """Receiver: slow error; map: its own, which stays where it is while the car stands; both: the walk that
-    integrating the accelerometer's noise makes, the faster the faster the car."""
+    integrating the accelerometer's noise makes, the faster the faster the car. A doubted block (`calibration.tamed`: a
+    deviation above 1) has an error of its own."""
     layout, m = p.layout, p.samples.motion
     t, s = layout.time[index], layout.distance[index]
     gps = layout.channel[index] == HEIGHT_GPS
@@ -96,4 +97,6 @@ def _height_covariance(p: Prepared, index: NDArray, noise: Noise) -> Array:
     covariance = np.minimum.outer(walked, walked)
     covariance += both_gps * noise.scale[HEIGHT_GPS, 1] ** 2 * (3.5**2 * np.exp(-gap / 200.0) + 0.3**2 * (gap == 0))
     covariance += both_map * noise.scale[HEIGHT_MAP, 1] ** 2 * (1.0**2 * np.exp(-apart / 50.0) + 0.3**2 * (gap == 0))
+    scale = np.where(gps, noise.scale[HEIGHT_GPS, 1], noise.scale[HEIGHT_MAP, 1])
+    covariance += np.diag((layout.sigma[index] ** 2 - 1.0) * scale**2)
     return covariance
