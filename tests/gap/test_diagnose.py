@@ -12,6 +12,7 @@ from rollingroad.gap.calibration import tamed
 from rollingroad.gap.challenge import box, cars, routes, truth
 from rollingroad.gap.channels import values
 from rollingroad.gap.diagnose import _one, diagnose, weigh
+from rollingroad.gap.noise import default_noise, whitener
 from rollingroad.gap.refit import context_of, refit
 from rollingroad.gap.replay import vector_of
 from rollingroad.gap.result import as_json
@@ -186,6 +187,27 @@ def test_one_stalled_launch_is_doubted_and_a_slipping_clutch_is_not(garage) -> N
     slipping = calm.copy()
     slipping[kind] = 30.0
     assert tamed([one], [slipping])[0].p.layout.sigma == pytest.approx(one.p.layout.sigma)
+
+
+def test_a_crossing_road_for_ten_seconds_is_no_shifted_map(garage) -> None:
+    """Given heights of which one is off by 12 m, as where the matcher takes the road that crosses, then it is doubted,
+    and what it says of all the others is a twentieth of what it said."""
+    path, trip, _ = garage
+    one, _ = _one((decode(trip(21, {}, {}), "trip"), read_car(path), None, None))
+    assert one is not None
+    layout = one.p.layout
+    heights = layout.channel == CHANNELS.index("height_gps")
+    mapped = replace(
+        one.p, layout=replace(layout, channel=np.where(heights, CHANNELS.index("height_map"), layout.channel))
+    )
+    error = np.zeros(len(layout.channel))
+    error[np.flatnonzero(heights)[20]] = 12.0
+    before = whitener(mapped, default_noise())(error)
+    doubted = tamed([replace(one, p=mapped)], [before])[0].p
+    after = whitener(doubted, default_noise())(error)
+    assert np.linalg.norm(before) > 8.0
+    assert np.linalg.norm(after) < 0.3 * np.linalg.norm(before)
+    assert np.linalg.norm(np.delete(after, np.flatnonzero(heights)[20])) < 0.05 * np.linalg.norm(before)
 
 
 def test_another_car_is_refused_by_name(garage, tmp_path: Path) -> None:
