@@ -75,7 +75,8 @@ def lead(result: dict[str, Any]) -> str:
     named = " and ".join(first["effects"])
     if verdict == "class":
         members, separators = ", ".join(first["class"]), "; ".join(first["separated_by"])
-        return f"One of {members}; these trips do not separate them. {separators}.{at}"
+        would = f" What would: {separators}." if separators else ""
+        return f"One of {members}; these trips do not separate them.{would}{at}"
     return f"{named} (probability {first['probability']:.2f}).{at}"
 
 

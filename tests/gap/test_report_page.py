@@ -6,7 +6,7 @@ import pytest
 from test_diagnose import garage  # noqa: F401 - a fixture
 
 from rollingroad.gap.diagnose import weigh
-from rollingroad.gap.report import write_report
+from rollingroad.gap.report import lead, write_report
 from sensors.packets import decode
 from vehicle_model.car.files import read_car
 
@@ -37,3 +37,12 @@ def test_it_is_one_file_that_needs_nothing_from_elsewhere(page):
     assert not re.search(r"""(src|href)=["'](?!#|data:)""", without_plotly)
     assert 'name="viewport"' in html
     assert [path.name for path in page.parent.iterdir()] == ["report.html"]
+
+
+@pytest.mark.parametrize(("separators", "told"), [(["a coast-down"], " What would: a coast-down."), ([], "")])
+def test_a_class_is_told_with_what_would_separate_it(separators, told):
+    """Given two effects that the trips do not separate, then the first sentence names both and what would, if anything
+    is known to."""
+    row = {"effects": ["mass"], "class": ["mass", "drag_area"], "separated_by": separators, "probability": 0.6}
+    sentence = lead({"causes": [row], "verdict": "class", "where": []})
+    assert sentence == f"One of mass, drag_area; these trips do not separate them.{told}"
