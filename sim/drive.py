@@ -116,7 +116,7 @@ def _ego_type(style: Style) -> str:
     # The models' own noise is off: SUMO plans at most what it was told; noise would only ever slow the ego down.
     # Krauss's dawdling is the driver's (`Style.dawdling`) instead.
     noiseless = {"Krauss": 'sigma="0"', "EIDM": 'sigmaleader="0" sigmagap="0" sigmaerror="0"'}.get(style.model, "")
-    looks = f'treaction="{style.looks_every:g}"' if style.looks_every else ""
+    looks = f'treaction="{PERIOD:g}"' if style.looks_at_every_step else ""
     return (
         f'<vType id="ego" length="2.5" minGap="2.0" maxSpeed="60" speedFactor="1.0" speedDev="0" '
         f'carFollowModel="{style.model}" accel="{style.acceleration:g}" decel="{style.deceleration:g}" '

@@ -12,8 +12,6 @@ from vehicle_model.plant import steady
 from vehicle_model.plant.session import Plant
 
 RPM = 2.0 * np.pi / 60.0
-AT_EVERY_STEP = 0.1
-"""s: SUMO's step, in which who is alert looks once."""
 
 
 @dataclass(frozen=True)
@@ -37,14 +35,15 @@ class Style:
     """Picks the gear that burns least for the power he needs, on the true map."""
     coasts_before_stop: float = 0.0
     """m before a stop in sight from which he lets the car roll in gear."""
-    looks_every: float = 0.0
-    """s between two looks of SUMO's model at the road (the EIDM's action points); 0: as it is by itself. In between it
-    reckons with the acceleration that *it* wanted, which a car driven by a foot and an engine does not have."""
+    looks_at_every_step: bool = False
+    """SUMO's model looks at the road at each step and not at action points of its own (the EIDM's, every 0.5 s). In
+    between it reckons with the acceleration that *it* wanted, which a car driven by a foot and an engine does not
+    have."""
 
 
 STYLES: dict[str, Style] = {
     "eidm": Style("EIDM", 2.0, 2.5, 1.2, 0.40, 0.16),
-    "alert": Style("EIDM", 2.0, 2.5, 1.2, 0.40, 0.16, looks_every=AT_EVERY_STEP),
+    "alert": Style("EIDM", 2.0, 2.5, 1.2, 0.40, 0.16, looks_at_every_step=True),
     "krauss": Style("Krauss", 2.0, 2.5, 1.2, 0.40, 0.16, dawdling=0.5),
     "soft": Style("IDM", 1.0, 1.5, 1.6, 0.28, 0.12),
     "brisk": Style("IDM", 2.6, 3.0, 1.0, 0.62, 0.26),

@@ -157,8 +157,8 @@ class _World:
             return
         driven: dict[float, dict[int, Account]] = {}
         rounds, seeds = 1 if way.advisor in FIXED else ROUNDS, list(self.baseline)
-        few = len(seeds) >= 2 * SCOUTS and rounds > 1
-        scouts = self._at(way, seeds[:SCOUTS], {}) if few else None
+        many = len(seeds) >= 2 * SCOUTS and rounds > 1
+        scouts = self._at(way, seeds[:SCOUTS], {}) if many else None
         seek(self._at(way, seeds, driven), self._begin_with(way), rounds, scouts)
         found = at_equal_time(self.baseline, driven)
         if found is None or not found.equal:

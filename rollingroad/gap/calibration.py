@@ -24,8 +24,8 @@ ACCIDENTS = (
     ("gear_ratio", None),
     ("launch_speed", None), ("shift_time", None), ("gnss_speed", None), ("height_map", None),
 )  # fmt: skip
-"""Channels and regimes in which accidents happen: a cut-off that comes late, for one, or a
-crossing road taken for the one that is driven. (Fuel in gear and at idle has none; what is odd there is a gap.)"""
+"""Channels and regimes in which accidents happen: a cut-off that comes late, for one, or a crossing road taken for the
+one that is driven. (Fuel in gear and at idle has none; what is odd there is a gap.)"""
 
 
 FEW = 5

@@ -19,7 +19,6 @@ ODD = ((1.0, 0.9), (4.0, 0.1))
 """(times the floors, share of the trips): one odd trip in ten does not set the floor of all."""
 SMALL = 0.1
 """A floor below this share of the median deviation of its size is none."""
-
 ENOUGH = 1e-5
 """Share of the log likelihood below which a step is the last."""
 
@@ -33,24 +32,24 @@ def floored(r: Reduced, library: Library, floor: Mapping[str, float]) -> Reduced
     """`r` with what the model's own errors make of each effect marginalised: below that there is nothing to explain."""
     sd = np.array([floor.get(name, 0.0) for name in column_names(library)])
     index = np.flatnonzero(sd > 0.0)
-    if not len(index):
-        return r
-    cross = r.information[:, index] * sd[index]
-    middle = np.eye(len(index)) + sd[index, None] * r.information[np.ix_(index, index)] * sd[None, index]
-    solve = np.linalg.solve(middle, np.column_stack([cross.T, r.vector[index] * sd[index]]))
-    return Reduced(r.information - cross @ solve[:, :-1], r.vector - cross @ solve[:, -1])
+    return _marginalised(r, index, sd[index])[0] if len(index) else r
 
 
-def _likelihood(a: Array, b: Array, variance: Array) -> tuple[float, Array]:
-    """Log likelihood of one trip's effects (information a, vector b) under floors of this `variance` (k,), less that
-    under none, and its derivative by each variance."""
-    root = np.sqrt(variance)
-    middle = np.eye(len(b)) + root[:, None] * a * root
-    solve = np.linalg.solve(middle, np.column_stack([root[:, None] * a, root * b]))
-    left = a - (a * root) @ solve[:, :-1]
-    score = b - (a * root) @ solve[:, -1]
-    log = 0.5 * float((root * b) @ solve[:, -1]) - 0.5 * float(np.linalg.slogdet(middle)[1])
-    return log, 0.5 * (score**2 - np.diag(left))
+def _marginalised(r: Reduced, index: NDArray[np.int64], sd: Array) -> tuple[Reduced, float]:
+    """`r` with the columns `index` marginalised under prior deviations `sd`, and the log likelihood of `r` under these
+    less that under none."""
+    cross, vector = r.information[:, index] * sd, r.vector[index] * sd
+    middle = np.eye(len(index)) + sd[:, None] * r.information[np.ix_(index, index)] * sd[None, :]
+    solve = np.linalg.solve(middle, np.column_stack([cross.T, vector]))
+    left = Reduced(r.information - cross @ solve[:, :-1], r.vector - cross @ solve[:, -1])
+    return left, 0.5 * float(vector @ solve[:, -1] - np.linalg.slogdet(middle)[1])
+
+
+def _likelihood(r: Reduced, variance: Array) -> tuple[float, Array]:
+    """Log likelihood of one trip's effects `r` under floors of this `variance` (k,), less that under none, and its
+    derivative by each variance."""
+    left, log = _marginalised(r, np.arange(len(variance)), np.sqrt(variance))
+    return log, 0.5 * (left.vector**2 - np.diag(left.information))
 
 
 def floors(cases: Sequence[tuple[Reduced, Library]]) -> dict[str, float]:
@@ -64,17 +63,18 @@ def floors(cases: Sequence[tuple[Reduced, Library]]) -> dict[str, float]:
         seen = np.flatnonzero(np.diag(a) * library.sd**2 > 1.0)
         for i in seen:
             deviations[own[i]].append(float(a[i, i] ** -0.5))
-        rows.append((a[np.ix_(seen, seen)], b[seen], np.array([names.index(own[i]) for i in seen], int)))
+        rows.append((Reduced(a[np.ix_(seen, seen)], b[seen]), np.array([names.index(own[i]) for i in seen], int)))
     scale = np.array([float(np.median(deviations[name])) if deviations[name] else 0.0 for name in names])
 
     def loss(x: Array) -> tuple[float, Array]:
         total, slope = 0.0, np.zeros(len(names))
-        for a, b, of in rows:
+        for trip, of in rows:
             logs, slopes = [], []
             for times, share in ODD:
-                log, by = _likelihood(a, b, x[of] * scale[of] ** 2 * times**2)
+                unit = (times * scale[of]) ** 2
+                log, by = _likelihood(trip, x[of] * unit)
                 logs.append(log + np.log(share))
-                slopes.append(np.bincount(of, by * scale[of] ** 2 * times**2, len(names)))
+                slopes.append(np.bincount(of, by * unit, len(names)))
             both = float(np.logaddexp.reduce(logs))
             total += both
             slope += np.exp(np.array(logs) - both) @ np.array(slopes)

@@ -57,7 +57,7 @@ def test_the_baseline_drivers_are_those_that_are_frozen_in_writing() -> None:
         if not style.cheapest_gear:
             assert shifts == f"{style.upshift:.2f} / {style.downshift:.2f}"
     assert STYLES["good"].coasts_before_stop == 150.0 and STYLES["krauss"].dawdling == 0.5
-    assert [kind for kind, style in STYLES.items() if style.looks_every] == ["alert"]
+    assert [kind for kind, style in STYLES.items() if style.looks_at_every_step] == ["alert"]
 
 
 @pytest.mark.parametrize(("kind", "brakes"), [("alert", False), ("eidm", True)])
