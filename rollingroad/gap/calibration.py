@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rollingroad.gap.blocks import CHANNELS, REGIMES
 from rollingroad.gap.design import FUEL
 from rollingroad.gap.noise import LONGER, Noise, default_noise, log_likelihood
-from rollingroad.gap.trips import Layout, Library, Trip, Whitened, settled, stack, total_gram, whiten
+from rollingroad.gap.trips import Layout, Lexicon, Trip, Whitened, settled, stack, total_gram, whiten
 
 Array = NDArray[np.float64]
 
@@ -120,7 +120,7 @@ def _free(name: str, freedom: float) -> float:
 
 
 def calibrate(
-    reference: Sequence[Trip], layout: Layout, library: Library, *, coarse: bool = False, freedom: float = FREEDOM[0]
+    reference: Sequence[Trip], layout: Layout, lexicon: Lexicon, *, coarse: bool = False, freedom: float = FREEDOM[0]
 ) -> Calibration:
     """Fit the correction to the reference trips, and the noise to what each leaves when the others predict it.
 
@@ -143,7 +143,7 @@ def calibrate(
     done = [whiten(trip, layout, noise) for trip in reference]
     total = total_gram(done)
     information, vector = _information(total, layout)
-    dispersion = 1.0 if coarse else _dispersion(done, layout, library)
+    dispersion = 1.0 if coarse else _dispersion(done, layout, lexicon)
     return Calibration(information, vector, noise, dispersion, len(reference))
 
 
@@ -239,7 +239,7 @@ def reduce(gram: Array, layout: Layout, calibration: Calibration, dispersion: fl
     return Reduced((gram[n:-1, n:-1] - cross @ solve[:, :-1]) / d, (gram[n:-1, -1] - cross @ solve[:, -1]) / d)
 
 
-def _dispersion(done: Sequence[Whitened], layout: Layout, library: Library) -> float:
+def _dispersion(done: Sequence[Whitened], layout: Layout, lexicon: Lexicon) -> float:
     """Mean squared score of the effects on reference trips left out in turn: 1 if the noise model holds."""
     if len(done) < 2:
         return 1.5
@@ -250,7 +250,7 @@ def _dispersion(done: Sequence[Whitened], layout: Layout, library: Library) -> f
         left = Calibration(information, vector, default_noise(), 1.0, len(done) - 1)
         r = reduce(w.gram, layout, left)
         size = np.diag(r.information)[: layout.effects]
-        alone = size * library.sd**2
+        alone = size * lexicon.sd**2
         z2 = r.vector[: layout.effects] ** 2 / np.maximum(size, 1e-12)
         scores.append(float(np.mean(np.minimum(z2[alone > 1.0], 25.0))) if (alone > 1.0).any() else 1.0)
     mean, count = float(np.mean(scores)), len(scores)

@@ -1,6 +1,6 @@
-"""A compressor that comes and goes, told sharper than by the library's sine of the nearest period.
+"""A compressor that comes and goes, told sharper than by the lexicon's sine of the nearest period.
 
-The library's frequencies are as far apart as a trip can tell, and its waves are sines. A loud compressor is neither:
+The lexicon's frequencies are as far apart as a trip can tell, and its waves are sines. A loud compressor is neither:
 over twenty minutes the nearest period is out of step by a part of a cycle, and on and off is a square wave. What that
 leaves of its signal is larger than many an effect, and would be named beside it.
 """
@@ -20,7 +20,7 @@ from rollingroad.gap.trips import Layout, Trip, Whitened, marginal_gram
 
 Array = NDArray[np.float64]
 STEPS = 9
-"""Frequencies that are tried from half the library's distance below to half of it above."""
+"""Frequencies that are tried from half the lexicon's distance below to half of it above."""
 DUTIES = (0.25, 0.35, 0.42, 0.5, 0.58, 0.65, 0.75)
 """Shares of the time that a compressor is on, as they are tried."""
 

@@ -25,7 +25,7 @@ from rollingroad.gap.result import as_json
 from rollingroad.gap.road import Road
 from rollingroad.gap.shrinkage import Shrinkage, leading, shrink
 from rollingroad.gap.thresholds import load as load_thresholds
-from rollingroad.gap.trips import Layout, Library, Trip, columns_of, layout_of, marginal_gram, total_gram, whiten
+from rollingroad.gap.trips import Layout, Lexicon, Trip, columns_of, layout_of, marginal_gram, total_gram, whiten
 from rollingroad.gap.where import EARLY, Place, locate
 from rollingroad.gap.without_reference import foreign_floor, without_reference
 from sensors.log import SensorLog
@@ -54,7 +54,7 @@ class Diagnosis:
     car: Car
     reference: tuple[Trip, ...]
     logs: tuple[Trip, ...]
-    library: Library
+    lexicon: Lexicon
     layout: Layout
     calibration: Calibration
     reduced: Reduced
@@ -120,7 +120,7 @@ def _restart(d: Diagnosis, rest: float, log: SensorLog, road: Road | None) -> Re
         gram = whiten(trip, d.layout, d.calibration.noise).gram
         reduced = reduce(gram, d.layout, d.calibration)
         variant, before = d.posterior.fits[effect]
-        index = d.library.index_of(variant)
+        index = d.lexicon.index_of(variant)
         # the first start's course, scaled: one coefficient, 1 as large as then
         direction = before.value
         information = float(direction @ reduced.information[np.ix_(index, index)] @ direction)
@@ -136,8 +136,8 @@ def weigh(
     *, notes: Sequence[str] = (), workers: int = 1,
 ) -> Diagnosis:  # fmt: skip
     """The diagnosis of logs in memory."""
-    library = Library.of(car)
-    known = {v.effect for v in library.variants} | set(NEVER)
+    lexicon = Lexicon.of(car)
+    known = {v.effect for v in lexicon.variants} | set(NEVER)
     for effect in hide:
         if effect not in known and not effect.startswith("novel"):
             raise BadInput("--hide", effect, f"one of {', '.join(sorted(known))}")
@@ -150,7 +150,7 @@ def weigh(
         if reference:
             layout = layout_of(reference)
             coarse = not np.isfinite(reference[0].p.trace.engine_speed).any()
-            calibration = calibrate(reference, layout, library, coarse=coarse)
+            calibration = calibrate(reference, layout, lexicon, coarse=coarse)
             correction = dict(zip(layout.calibration, calibration.mean, strict=True))
         else:
             correction = None
@@ -164,56 +164,56 @@ def weigh(
         coarse = not np.isfinite(trips[0].p.trace.engine_speed).any()
         both = layout_of([*reference, *trips])
         if not reference or both.calibration != layout.calibration or both.tolerance != layout.tolerance:
-            calibration = calibrate(reference, both, library, coarse=coarse)
+            calibration = calibrate(reference, both, lexicon, coarse=coarse)
         layout = both
         if not reference:
-            calibration, told = without_reference(trips, layout, library, hide, thresholds, coarse)
+            calibration, told = without_reference(trips, layout, lexicon, hide, thresholds, coarse)
             notes += told
             if told:
-                thresholds = replace(thresholds, floor={**thresholds.floor, **foreign_floor(library)})
+                thresholds = replace(thresholds, floor={**thresholds.floor, **foreign_floor(lexicon)})
         trips, whitened = doubted(trips, layout, calibration, coarse=coarse)
         gram = total_gram(whitened)
         reduced = reduce(gram, layout, calibration)
-        posterior = evidence.posterior(reduced, library, layout, hide, thresholds)
+        posterior = evidence.posterior(reduced, lexicon, layout, hide, thresholds)
         for _ in range(REFITS if posterior.none < 0.9 else 0):
-            trips, whitened = refit(trips, whitened, layout, calibration, library, posterior, car)
+            trips, whitened = refit(trips, whitened, layout, calibration, lexicon, posterior, car)
             gram = total_gram(whitened)
             reduced = reduce(gram, layout, calibration)
-            posterior = evidence.posterior(reduced, library, layout, hide, thresholds)
-        where = locate(trips, whitened, layout, calibration, posterior, library, reduced)
+            posterior = evidence.posterior(reduced, lexicon, layout, hide, thresholds)
+        where = locate(trips, whitened, layout, calibration, posterior, lexicon, reduced)
         early = EARLY if where and where[0].regime == "first_600_s" else None
         shrinkage = shrink(
-            trips, whitened, reference, layout, calibration, posterior, library, hide, until=early, coarse=coarse
+            trips, whitened, reference, layout, calibration, posterior, lexicon, hide, until=early, coarse=coarse
         )
-        waste = regret(trips, whitened, layout, calibration, library, posterior, leading(posterior), car)
-        dumb = unseen(trips, reduced, library, coarse)
-        delay = _delay(trips, whitened, layout, calibration, library, hide, thresholds)
-        control = _controls(trips, whitened, layout, calibration, library, posterior)
+        waste = regret(trips, whitened, layout, calibration, lexicon, posterior, leading(posterior), car)
+        dumb = unseen(trips, reduced, lexicon, coarse)
+        delay = _delay(trips, whitened, layout, calibration, lexicon, hide, thresholds)
+        control = _controls(trips, whitened, layout, calibration, lexicon, posterior)
     return Diagnosis(
-        car, tuple(reference), tuple(trips), library, layout, calibration, reduced, posterior, tuple(where), shrinkage,
+        car, tuple(reference), tuple(trips), lexicon, layout, calibration, reduced, posterior, tuple(where), shrinkage,
         tuple(dumb), tuple(notes), coarse, tuple(hide), delay, control, advice_regret=waste,
     )  # fmt: skip
 
 
-def _delay(trips, whitened, layout, calibration, library, hide, thresholds) -> float | None:
+def _delay(trips, whitened, layout, calibration, lexicon, hide, thresholds) -> float | None:
     total, driven, since = np.zeros_like(whitened[0].gram), 0.0, None
     for trip, w in zip(trips, whitened, strict=True):
         total = total + w.gram
         driven += float(trip.p.samples.motion.distance[-1]) / 1e3
         # pairs are left out: their prior is small, and with a single that detects first they decide nothing
-        h = evidence.hypotheses(reduce(total, layout, calibration), library, layout, hide, thresholds, pairs=False)
+        h = evidence.hypotheses(reduce(total, layout, calibration), lexicon, layout, hide, thresholds, pairs=False)
         found = evidence.weighed(h, thresholds).none < 0.5
         since = (since if since is not None else driven) if found else None
     return since
 
 
-def _controls(trips, whitened, layout, calibration, library, posterior) -> dict[str, float]:
+def _controls(trips, whitened, layout, calibration, lexicon, posterior) -> dict[str, float]:
     """Evidence that is left when the leading signature is put against the wrong data: shuffled blocks, another trip."""
     if not posterior.fits:
         return {}
     leading = max(posterior.singles, key=lambda e: posterior.singles[e])
     variant = posterior.fits[leading][0]
-    index = library.index_of(variant)
+    index = lexicon.index_of(variant)
     own = posterior.fits[leading][1].log_bayes
     rng = np.random.default_rng(0)
     out = {}
@@ -235,7 +235,7 @@ def _controls(trips, whitened, layout, calibration, library, posterior) -> dict[
                         rows[np.ix_(at, columns)] = whitened[other].rows[np.ix_(take, columns)]
             gram += marginal_gram(rows, w.own, w.own_sd)
         r = reduce(gram, layout, calibration)
-        out[name] = fit(r, index, library.sd[index]).log_bayes / max(own, 1.0)
+        out[name] = fit(r, index, lexicon.sd[index]).log_bayes / max(own, 1.0)
     return out
 
 
@@ -267,7 +267,7 @@ def _one(job: tuple[SensorLog, Car, Road | None, Mapping[str, float] | None]) ->
     log, car, road, correction = job
     with threadpool_limits(1):
         vector = vector_of(car)
-        library = Library.of(car)
+        lexicon = Lexicon.of(car)
         trace = reconstruct(log, car, road)
         if trace.time[-1] - trace.time[0] < SHORTEST:
             return (
@@ -280,4 +280,4 @@ def _one(job: tuple[SensorLog, Car, Road | None, Mapping[str, float] | None]) ->
         if not len(p.layout.time):
             return None, f"{log.name}: nothing to compare (no fuel and no second speed)"
         coarse = not np.isfinite(trace.engine_speed).any()
-        return columns_of(p, car, vector, library, coarse=coarse, correction=correction), "; ".join(told)
+        return columns_of(p, car, vector, lexicon, coarse=coarse, correction=correction), "; ".join(told)

@@ -16,17 +16,17 @@ from rollingroad.gap.fits import Fit, cosine, fit, log_mean_exp, physical
 from rollingroad.gap.floors import floored
 from rollingroad.gap.outside import outside
 from rollingroad.gap.signature_form import Variant
-from rollingroad.gap.trips import Layout, Library
+from rollingroad.gap.trips import Layout, Lexicon
 
 Array = NDArray[np.float64]
 
 
-def visible(r: Reduced, library: Library) -> dict[str, float]:
+def visible(r: Reduced, lexicon: Lexicon) -> dict[str, float]:
     """Effect -> prior signal to noise ratio of its best variant: below 1 the trips cannot show it at all."""
     out: dict[str, float] = {}
-    for variant, place in zip(library.variants, library.places, strict=True):
+    for variant, place in zip(lexicon.variants, lexicon.places, strict=True):
         index = np.arange(place.start, place.stop)
-        size = np.diag(r.information)[index] * library.sd[index] ** 2
+        size = np.diag(r.information)[index] * lexicon.sd[index] ** 2
         out[variant.effect] = max(out.get(variant.effect, 0.0), float(np.sqrt(max(size.max(), 0.0))))
     return out
 
@@ -98,14 +98,14 @@ class Hypotheses:
 
 
 def hypotheses(
-    r: Reduced, library: Library, layout: Layout, hidden: Sequence[str], t: Thresholds, pairs: bool = True
+    r: Reduced, lexicon: Lexicon, layout: Layout, hidden: Sequence[str], t: Thresholds, pairs: bool = True
 ) -> Hypotheses:
     """Fit every hypothesis; `pairs` False leaves those out."""
-    bare, r = r, floored(r, library, t.floor)
-    sd, places = library.sd, library.places
+    bare, r = r, floored(r, lexicon, t.floor)
+    sd, places = lexicon.sd, lexicon.places
     by_effect: dict[str, list[tuple[Variant, Fit, NDArray]]] = {}
-    seen = visible(r, library)
-    for variant, place in zip(library.variants, places, strict=True):
+    seen = visible(r, lexicon)
+    for variant, place in zip(lexicon.variants, places, strict=True):
         if variant.effect in hidden or seen[variant.effect] < 1.0:
             continue
         index = np.arange(place.start, place.stop)
@@ -131,10 +131,10 @@ def hypotheses(
         (index[1:] if v.swings else index, t.alike if len(rows) <= FEW else max(t.alike, NEAR))
         for rows in by_effect.values() for v, _, index in rows
     ]  # fmt: skip
-    other, log_outside = outside(r, library, layout, named, bare)
+    other, log_outside = outside(r, lexicon, layout, named, bare)
     return Hypotheses(
         singles, {n: (v, f) for n, (v, f, _) in best.items()}, both, log_outside,
-        (tuple(library.regressors[i] for i in other.terms), other.fit) if other is not None else None,
+        (tuple(lexicon.regressors[i] for i in other.terms), other.fit) if other is not None else None,
     )  # fmt: skip
 
 
@@ -165,6 +165,6 @@ def weighed(h: Hypotheses, t: Thresholds) -> Posterior:
     )  # fmt: skip
 
 
-def posterior(r: Reduced, library: Library, layout: Layout, hidden: Sequence[str], t: Thresholds) -> Posterior:
+def posterior(r: Reduced, lexicon: Lexicon, layout: Layout, hidden: Sequence[str], t: Thresholds) -> Posterior:
     """Weigh all hypotheses."""
-    return weighed(hypotheses(r, library, layout, hidden, t), t)
+    return weighed(hypotheses(r, lexicon, layout, hidden, t), t)

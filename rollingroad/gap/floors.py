@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from rollingroad.gap.calibration import Reduced
-from rollingroad.gap.trips import Library
+from rollingroad.gap.trips import Lexicon
 
 Array = NDArray[np.float64]
 ODD = ((1.0, 0.9), (4.0, 0.1))
@@ -23,14 +23,14 @@ ENOUGH = 1e-5
 """Share of the log likelihood below which a step is the last."""
 
 
-def column_names(library: Library) -> list[str]:
+def column_names(lexicon: Lexicon) -> list[str]:
     """ "effect.parameter" of every effect column, in order; columns of one parameter share their floor."""
-    return [f"{v.effect}.{c.parameter.split('~')[0]}" for v in library.variants for c in v.columns]
+    return [f"{v.effect}.{c.parameter.split('~')[0]}" for v in lexicon.variants for c in v.columns]
 
 
-def floored(r: Reduced, library: Library, floor: Mapping[str, float]) -> Reduced:
+def floored(r: Reduced, lexicon: Lexicon, floor: Mapping[str, float]) -> Reduced:
     """`r` with what the model's own errors make of each effect marginalised: below that there is nothing to explain."""
-    sd = np.array([floor.get(name, 0.0) for name in column_names(library)])
+    sd = np.array([floor.get(name, 0.0) for name in column_names(lexicon)])
     index = np.flatnonzero(sd > 0.0)
     return _marginalised(r, index, sd[index])[0] if len(index) else r
 
@@ -52,15 +52,15 @@ def _likelihood(r: Reduced, variance: Array) -> tuple[float, Array]:
     return log, 0.5 * (left.vector**2 - np.diag(left.information))
 
 
-def floors(cases: Sequence[tuple[Reduced, Library]]) -> dict[str, float]:
+def floors(cases: Sequence[tuple[Reduced, Lexicon]]) -> dict[str, float]:
     """Floor of each "effect.parameter" over `cases` without a gap; none where these trips are as likely without."""
-    names = sorted({name for _, library in cases for name in column_names(library)})
+    names = sorted({name for _, lexicon in cases for name in column_names(lexicon)})
     deviations: dict[str, list[float]] = {name: [] for name in names}
     rows = []
-    for r, library in cases:
-        own, k = column_names(library), len(library.sd)
+    for r, lexicon in cases:
+        own, k = column_names(lexicon), len(lexicon.sd)
         a, b = r.information[:k, :k], r.vector[:k]
-        seen = np.flatnonzero(np.diag(a) * library.sd**2 > 1.0)
+        seen = np.flatnonzero(np.diag(a) * lexicon.sd**2 > 1.0)
         for i in seen:
             deviations[own[i]].append(float(a[i, i] ** -0.5))
         rows.append((Reduced(a[np.ix_(seen, seen)], b[seen]), np.array([names.index(own[i]) for i in seen], int)))

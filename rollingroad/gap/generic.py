@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Regressor:
-    """One column of the library: how it reads, in which unit its coefficient is, its prior deviation, its subsystem."""
+    """One column of the lexicon: how it reads, in which unit its coefficient is, its prior deviation, its subsystem."""
 
     name: str
     sentence: str
@@ -27,7 +27,7 @@ class Regressor:
     """Columns of one family are one thing (a phase, a direction): they are also tried together."""
 
 
-def library(car: Car) -> list[Regressor]:
+def lexicon(car: Car) -> list[Regressor]:
     """The regressors, in the order of `columns`' matrix. Deviations: about 3 % of the fuel of mixed driving."""
     weight = 0.03 * car.mass * car.gravity * 0.1
     rows: list[tuple[str, str, str, float, str] | tuple[str, str, str, float, str, str]] = [
@@ -121,7 +121,7 @@ which reference trips show. (What depends on time, place or heading is no proper
 
 
 def columns(c: Context) -> Array:
-    """(m, k): the library's columns over the blocks of one trip."""
+    """(m, k): the lexicon's columns over the blocks of one trip."""
     p, m = c.p, c.p.samples.motion
     r = replay_vector(c.vector, m)
     v, t, w = m.speed, m.time, m.engine_speed

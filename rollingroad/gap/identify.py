@@ -7,7 +7,7 @@ import numpy as np
 from rollingroad.gap.calibration import Reduced
 from rollingroad.gap.evidence import Posterior, visible
 from rollingroad.gap.fits import cosine
-from rollingroad.gap.trips import Library, Trip
+from rollingroad.gap.trips import Lexicon, Trip
 
 SUBSYSTEM: Mapping[str, str] = {
     **dict.fromkeys(
@@ -58,23 +58,23 @@ def separators(effects: Sequence[str]) -> list[str]:
     )
 
 
-def class_of(effect: str, posterior: Posterior, reduced: Reduced, library: Library) -> list[str]:
+def class_of(effect: str, posterior: Posterior, reduced: Reduced, lexicon: Lexicon) -> list[str]:
     """Effects that these trips do not separate from `effect`: nearly the same signature, or nearly as probable."""
     own_variant, own = posterior.fits[effect]
-    index = library.index_of(own_variant)
+    index = lexicon.index_of(own_variant)
     members = [effect]
     top = posterior.singles.get(effect, 0.0)
     for other, (variant, fit) in posterior.fits.items():
         if other == effect:
             continue
-        alike = cosine(reduced, index, library.index_of(variant))
+        alike = cosine(reduced, index, lexicon.index_of(variant))
         close = posterior.singles[other] > 0.15 * max(top, 1e-12)
         if (alike > 0.9 and fit.explained > 0.8 * own.explained) or (close and alike > 0.5):
             members.append(other)
     return sorted(members, key=lambda e: -posterior.singles[e])
 
 
-def unseen(trips: Sequence[Trip], reduced: Reduced, library: Library, coarse: bool) -> list[tuple[str, str]]:
+def unseen(trips: Sequence[Trip], reduced: Reduced, lexicon: Lexicon, coarse: bool) -> list[tuple[str, str]]:
     """Effects that these logs cannot show, each with the reason."""
     trace = trips[0].p.trace
     gps, fuel = bool(trace.gps), bool(np.isfinite(trace.fuel).any())
@@ -83,7 +83,7 @@ def unseen(trips: Sequence[Trip], reduced: Reduced, library: Library, coarse: bo
         "driver_lag": "no advice in the logs",
         "traffic_actuation": "no distance to the leader in the logs",
     }
-    seen = visible(reduced, library)
+    seen = visible(reduced, lexicon)
     for effect, ratio in seen.items():
         if ratio >= 1.0:
             continue

@@ -1,4 +1,4 @@
-"""Something that the catalogue does not hold: physical regressors, sought among the library of `generic`.
+"""Something that the catalogue does not hold: physical regressors, sought among those of `generic`.
 
 `outside`: those that no named effect could stand for, and their evidence. `correction`: what all of them together
 predict, averaged over the models of one to three terms; no name is needed for that.
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rollingroad.gap.calibration import Reduced
 from rollingroad.gap.fits import Fit, fit
-from rollingroad.gap.trips import Layout, Library
+from rollingroad.gap.trips import Layout, Lexicon
 
 Array = NDArray[np.float64]
 MORE = 2
@@ -23,37 +23,37 @@ BETTER = 2.0
 
 @dataclass(frozen=True)
 class Model:
-    """Regressors `terms` (numbers in the library) together: their fit, and the log of their share among all models."""
+    """Regressors `terms` (numbers in the lexicon) together: their fit, and the log of their share among all models."""
 
     terms: tuple[int, ...]
     fit: Fit
     log_prior: float
 
 
-def seen(r: Reduced, library: Library, layout: Layout) -> list[int]:
+def seen(r: Reduced, lexicon: Lexicon, layout: Layout) -> list[int]:
     """Regressors that the data can tell anything of."""
-    sd = np.array([g.sd for g in library.regressors])
+    sd = np.array([g.sd for g in lexicon.regressors])
     size = np.diag(r.information)[layout.effects :] * sd**2
     return [int(i) for i in np.flatnonzero(size > 1.0)]
 
 
 def models(
-    r: Reduced, library: Library, layout: Layout, candidates: Sequence[int], more: int = MORE
+    r: Reduced, lexicon: Lexicon, layout: Layout, candidates: Sequence[int], more: int = MORE
 ) -> tuple[list[Model], Model | None]:
     """Every one of `candidates` (and family of them) alone, then, up to `more` times, with the best of the models
     before; the best of all.
 
     A model of two is one among as many firsts times as many seconds, and its share is as small.
     """
-    sd = np.array([g.sd for g in library.regressors])
+    sd = np.array([g.sd for g in lexicon.regressors])
 
     def fitted(terms: tuple[int, ...], log_prior: float) -> Model:
         return Model(terms, fit(r, [layout.effects + i for i in terms], sd[list(terms)]), log_prior)
 
     families: dict[str, list[int]] = {}
     for i in candidates:
-        if library.regressors[i].family:
-            families.setdefault(library.regressors[i].family, []).append(i)
+        if lexicon.regressors[i].family:
+            families.setdefault(lexicon.regressors[i].family, []).append(i)
     terms = [(i,) for i in candidates] + [tuple(members) for members in families.values() if len(members) > 1]
     if not terms:
         return [], None
@@ -78,7 +78,7 @@ OFF = 0.2
 
 
 def outside(
-    r: Reduced, library: Library, layout: Layout, named: Sequence[tuple[NDArray, float]], bare: Reduced
+    r: Reduced, lexicon: Lexicon, layout: Layout, named: Sequence[tuple[NDArray, float]], bare: Reduced
 ) -> tuple[Model | None, float]:
     """Best regressors and the evidence of "something else".
 
@@ -87,7 +87,7 @@ def outside(
     is much like that effect. Two of such would stand for two effects, so they are no terms of a model of several. One
     alone may be something else if it fits better by more than a signature that is OFF would let it.
     """
-    candidates = np.array(seen(r, library, layout), int)
+    candidates = np.array(seen(r, lexicon, layout), int)
     if not len(candidates):
         return None, NOTHING
     columns = layout.effects + candidates
@@ -98,8 +98,8 @@ def outside(
         inner = np.linalg.solve(a + 1e-9 * np.diag(np.diag(a)) + 1e-300 * np.eye(len(a)), c)
         apart &= np.sum(c * inner, axis=0) < alike**2 * np.diag(bare.information)[columns]
     unlike = {int(i) for i in candidates[apart]}
-    found, _ = models(r, library, layout, sorted(unlike))
-    alone, _ = models(r, library, layout, [int(i) for i in candidates], 0)
+    found, _ = models(r, lexicon, layout, sorted(unlike))
+    alone, _ = models(r, lexicon, layout, [int(i) for i in candidates], 0)
     found += [
         replace(m, log_prior=m.log_prior - 0.5 * OFF**2 * m.fit.explained)
         for m in alone if not unlike.issuperset(m.terms)
@@ -112,14 +112,14 @@ NOTHING = -30.0
 """Log evidence of "something else" where no regressor could carry it."""
 
 
-def correction(r: Reduced, library: Library, layout: Layout) -> Array:
+def correction(r: Reduced, lexicon: Lexicon, layout: Layout) -> Array:
     """(generics,): coefficients of every regressor, averaged over the models by their evidence in `r`.
 
     Terms that are sought and fitted by least squares say anything of a trip that they have not seen; what several
     models share is kept, what only one of many says is small.
     """
     out = np.zeros(layout.generics)
-    found, _ = models(r, library, layout, seen(r, library, layout))
+    found, _ = models(r, lexicon, layout, seen(r, lexicon, layout))
     if not found:
         return out
     log = np.array([m.fit.log_bayes + m.log_prior for m in found])

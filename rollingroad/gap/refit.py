@@ -27,7 +27,7 @@ from rollingroad.gap.evidence import Posterior
 from rollingroad.gap.fits import fit
 from rollingroad.gap.replay import replay_vector, vector_of
 from rollingroad.gap.signature_form import Context, Variant
-from rollingroad.gap.trips import Layout, Library, Trip, Whitened, marginal_gram, total_gram
+from rollingroad.gap.trips import Layout, Lexicon, Trip, Whitened, marginal_gram, total_gram
 from vehicle_model.car.errors import BadInput
 from vehicle_model.car.parameters import Car
 
@@ -59,13 +59,13 @@ def leading(posterior: Posterior) -> dict[int, tuple[Variant, Array]]:
 
 
 def refit(
-    trips: Sequence[Trip], whitened: Sequence[Whitened], layout: Layout, calibration: Calibration, library: Library,
+    trips: Sequence[Trip], whitened: Sequence[Whitened], layout: Layout, calibration: Calibration, lexicon: Lexicon,
     posterior: Posterior, car: Car,
 ) -> tuple[list[Trip], list[Whitened]]:  # fmt: skip
     """Return the trips and their whitened form with the leading variants' columns re-simulated."""
     chosen = leading(posterior)
     sharper = [
-        (library.place_of(v), tuned(trips, whitened, layout, calibration, v, library.place_of(v)))
+        (lexicon.place_of(v), tuned(trips, whitened, layout, calibration, v, lexicon.place_of(v)))
         for v, f in posterior.fits.values() if v.swings and f.explained > LOUD
     ]  # fmt: skip
     if not chosen and not sharper:
@@ -80,7 +80,7 @@ def refit(
             effects[:, place] = columns[number]
             rows[:, layout.nuisance + np.arange(place.start, place.stop)] = w.apply(columns[number])
         for variant, value in chosen.values():
-            place = library.place_of(variant)
+            place = lexicon.place_of(variant)
             weight = np.array([c.sd for c in variant.columns]) ** -2.0 * value
             try:
                 missing = variant.at(context, value) - effects[:, place] @ value
@@ -93,10 +93,10 @@ def refit(
         out_whitened.append(replace(w, rows=rows, gram=marginal_gram(rows, w.own, w.own_sd)))
     before, after = (reduce(total_gram(some), layout, calibration) for some in (whitened, out_whitened))
     for variant, _ in chosen.values():
-        index = library.index_of(variant)
-        old, new = (fit(r, index, library.sd[index]).log_bayes for r in (before, after))
+        index = lexicon.index_of(variant)
+        old, new = (fit(r, index, lexicon.sd[index]).log_bayes for r in (before, after))
         if new < old:  # a step too far (a spike of curvature that leaves the map, for one) is not taken
-            place = library.place_of(variant)
+            place = lexicon.place_of(variant)
             out_trips, out_whitened = _taken_back(place, layout, trips, whitened, out_trips, out_whitened)
     return out_trips, out_whitened
 

@@ -19,7 +19,7 @@ from rollingroad.gap.evidence import Posterior
 from rollingroad.gap.fits import fit
 from rollingroad.gap.replay import Motion, replay_vector, vector_of
 from rollingroad.gap.signature_form import Variant
-from rollingroad.gap.trips import Layout, Library, Trip, Whitened, total_gram
+from rollingroad.gap.trips import Layout, Lexicon, Trip, Whitened, total_gram
 from vehicle_model.car.errors import BadInput
 from vehicle_model.car.parameters import Car
 
@@ -31,7 +31,7 @@ SLOWEST, FASTEST, SPEED_STEP = 8.0, 40.0, 0.25
 
 
 def regret(
-    trips: Sequence[Trip], whitened: Sequence[Whitened], layout: Layout, calibration: Calibration, library: Library,
+    trips: Sequence[Trip], whitened: Sequence[Whitened], layout: Layout, calibration: Calibration, lexicon: Lexicon,
     posterior: Posterior, chosen: Sequence[str], car: Car,
 ) -> tuple[float | None, float | None]:  # fmt: skip
     """Mean regret over the trips, percent of fuel, before and after; None where the answer is no effect of the
@@ -41,7 +41,7 @@ def regret(
     variant = posterior.fits[chosen[0]][0]
     if variant.settings is None:
         return None, None
-    index = library.index_of(variant)
+    index = lexicon.index_of(variant)
     correction = dict(zip(layout.calibration, calibration.mean, strict=True)) if calibration.trips else {}
     total = total_gram(whitened)
     rows = []
@@ -49,8 +49,8 @@ def regret(
         pieces = _pieces(trip, car)
         if pieces is None:
             continue
-        alone = fit(reduce(w.gram, layout, calibration), index, library.sd[index]).value
-        others = fit(reduce(total - w.gram, layout, calibration), index, library.sd[index]).value
+        alone = fit(reduce(w.gram, layout, calibration), index, lexicon.sd[index]).value
+        others = fit(reduce(total - w.gram, layout, calibration), index, lexicon.sd[index]).value
         try:
             true = _power(pieces, variant, alone, car, correction)
             planned = [_power(pieces, variant, value, car, correction) for value in (0.0 * alone, others)]

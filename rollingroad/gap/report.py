@@ -131,7 +131,7 @@ def _residuals(d: "Diagnosis", number: int) -> tuple[Any, Any, Any]:
     mask = trip.p.layout.channel == CHANNELS.index(d.shrinkage.channel)
     before = rows[mask, -1] - rows[mask, :c] @ d.calibration.mean
     after = before.copy()
-    causes = sorted(hypotheses(d.posterior, d.library, d.layout), key=lambda h: -h[0])
+    causes = sorted(hypotheses(d.posterior, d.lexicon, d.layout), key=lambda h: -h[0])
     if causes and d.posterior.none < 0.5:
         for probability, _, index, value in causes:
             if probability >= causes[0][0] - 1e-12:

@@ -73,7 +73,7 @@ def as_json(d: "Diagnosis") -> dict[str, Any]:
     for probability, effects in sorted(keep, reverse=True)[:LISTED]:
         if len(effects) == 1:
             variant, fit = post.fits[effects[0]]
-            members = class_of(effects[0], post, d.reduced, d.library) if probability > 0.01 else [effects[0]]
+            members = class_of(effects[0], post, d.reduced, d.lexicon) if probability > 0.01 else [effects[0]]
             found = parameters(variant, fit)
         else:
             first, second, fit = post.pair_fits[effects]  # type: ignore[index]
@@ -123,7 +123,7 @@ def verdict(d: "Diagnosis") -> str:
     top = max(post.singles, key=lambda e: post.singles[e], default="")
     if sum(post.pairs.values()) > sum(post.singles.values()):
         return "named"
-    return "class" if len(class_of(top, post, d.reduced, d.library)) > 1 else "named"
+    return "class" if len(class_of(top, post, d.reduced, d.lexicon)) > 1 else "named"
 
 
 def _outside(d: "Diagnosis") -> dict[str, dict[str, Any]]:

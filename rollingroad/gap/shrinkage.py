@@ -14,7 +14,7 @@ from rollingroad.gap.evidence import Posterior
 from rollingroad.gap.fits import fit
 from rollingroad.gap.outside import correction
 from rollingroad.gap.signature_form import Variant
-from rollingroad.gap.trips import Layout, Library, Trip, Whitened, stack, total_gram
+from rollingroad.gap.trips import Layout, Lexicon, Trip, Whitened, stack, total_gram
 from rollingroad.gap.where import signal
 
 Array = NDArray[np.float64]
@@ -60,13 +60,13 @@ class _Case:
 def shrink(
     trips: Sequence[Trip], whitened: Sequence[Whitened], reference: Sequence[Trip], layout: Layout, calibration:
     Calibration,
-    posterior: Posterior, library: Library, hidden: Sequence[str], *, until: float | None = None, coarse: bool = False,
+    posterior: Posterior, lexicon: Lexicon, hidden: Sequence[str], *, until: float | None = None, coarse: bool = False,
 ) -> Shrinkage:  # fmt: skip
     """Fit on the other trips, judge on the one left out (on itself, if it is alone); over the first `until` s of each
     where the gap lies there. `coarse` logs have a declared repeatability, or what the references show of it: that is
     their floor; elsewhere the floor is what the cause, fitted to the very trip, leaves."""
     chosen = leading(posterior)
-    columns, sd = _columns_of(chosen, posterior, library, layout)
+    columns, sd = _columns_of(chosen, posterior, lexicon, layout)
     channel = _channel(columns, posterior, whitened, trips, layout, chosen)
     held = len(trips) > 1
     total = total_gram(whitened)
@@ -77,7 +77,7 @@ def shrink(
     before = np.array([_rms(c, c.residual) for c in cases])
     # terms are sought and their coefficients averaged without the trip that is judged
     general = layout.effects + np.arange(layout.generics)
-    corrections = [correction(r, library, layout) for r in reductions]
+    corrections = [correction(r, lexicon, layout) for r in reductions]
     generic = np.array([_left(c, general, x) for c, x in zip(cases, corrections, strict=True)])
     if chosen == ("outside_catalogue",):
         used, coefficients, after = general, corrections, generic
@@ -94,8 +94,8 @@ def shrink(
 
     singles: dict[str, float] = {}
     for effect, (variant, _) in posterior.fits.items():
-        index = library.index_of(variant)
-        alone = [_left(c, index, _fitted(r, index, library.sd[index])) for c, r in zip(cases, reductions, strict=True)]
+        index = lexicon.index_of(variant)
+        alone = [_left(c, index, _fitted(r, index, lexicon.sd[index])) for c, r in zip(cases, reductions, strict=True)]
         singles[effect] = mean(np.array(alone))
     rivals = [value for effect, value in singles.items() if effect not in chosen]
     b, a, f = mean(before), mean(after), mean(floor)
@@ -130,14 +130,14 @@ def leading(posterior: Posterior) -> tuple[str, ...]:
     return max(rows)[1]
 
 
-def _columns_of(chosen, posterior: Posterior, library: Library, layout: Layout) -> tuple[NDArray, Array]:
+def _columns_of(chosen, posterior: Posterior, lexicon: Lexicon, layout: Layout) -> tuple[NDArray, Array]:
     if not chosen:
         return np.zeros(0, int), np.zeros(0)
     if chosen == ("outside_catalogue",):
         assert posterior.regressors is not None
         found = posterior.regressors[0]
         return (
-            np.array([layout.effects + library.regressors.index(g) for g in found]),
+            np.array([layout.effects + lexicon.regressors.index(g) for g in found]),
             np.array([g.sd for g in found]),
         )
     if len(chosen) == 2:
@@ -145,8 +145,8 @@ def _columns_of(chosen, posterior: Posterior, library: Library, layout: Layout) 
         variants: tuple[Variant, ...] = (first, second)
     else:
         variants = (posterior.fits[chosen[0]][0],)
-    index = np.concatenate([library.index_of(v) for v in variants])
-    return index, library.sd[index]
+    index = np.concatenate([lexicon.index_of(v) for v in variants])
+    return index, lexicon.sd[index]
 
 
 def _channel(columns, posterior, whitened, trips, layout, chosen) -> str:

@@ -92,7 +92,7 @@ def _warm(
 
 
 def variants(car: Car) -> list[Variant]:
-    """The library, as Variants; effects without an observable signature are found out by their columns being zero."""
+    """The lexicon, as Variants; effects without an observable signature are found out by their columns being zero."""
     out = [
         _wind(),
         _plant("rolling_resistance", {"factor": (1.0, 0.1, "", 0.15, 0)}, {}),

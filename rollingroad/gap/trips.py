@@ -37,16 +37,16 @@ class Trip:
 
 
 @dataclass(frozen=True)
-class Library:
+class Lexicon:
     """What may be named: variants and regressors, and where their columns stand."""
 
     variants: tuple[Variant, ...]
     regressors: tuple[generic.Regressor, ...]
 
     @classmethod
-    def of(cls, car: Car) -> "Library":
+    def of(cls, car: Car) -> "Lexicon":
         """Everything that may be named for `car`."""
-        return cls(tuple(signatures.variants(car)), tuple(generic.library(car)))
+        return cls(tuple(signatures.variants(car)), tuple(generic.lexicon(car)))
 
     @property
     def places(self) -> list[slice]:
@@ -73,7 +73,7 @@ def columns_of(
     p: Prepared,
     car: Car,
     vector: Array,
-    library: Library,
+    lexicon: Lexicon,
     *,
     coarse: bool,
     correction: Mapping[str, float] | None = None,
@@ -88,13 +88,13 @@ def columns_of(
         burnt = burnt + (calibration.matrix @ known) * (p.layout.channel == FUEL)
     slope = map_correction(car, correction) if correction else None
     context = Context(p, car, vector, base, np.maximum(burnt, 0.0), slope)
-    effects = [v.make(context) for v in library.variants]
+    effects = [v.make(context) for v in lexicon.variants]
     regressors = generic.columns(context)
     # what is fitted to the references must mean the same in the diagnosed trips: never the corrected simulator
     plain = generic.columns(Context(p, car, vector, base, np.maximum(nominal, 0.0))) if correction else regressors
     state = [
         (f"state.{g.name}", plain[:, i], 0.5 * g.sd)
-        for i, g in enumerate(library.regressors)
+        for i, g in enumerate(lexicon.regressors)
         if g.name in generic.STATE
     ]
     more = Columns.of(state, len(base))

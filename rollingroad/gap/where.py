@@ -11,7 +11,7 @@ from rollingroad.gap.blocks import CHANNELS, REGIMES
 from rollingroad.gap.calibration import Calibration, Reduced, unexplained
 from rollingroad.gap.evidence import Posterior
 from rollingroad.gap.identify import SUBSYSTEM
-from rollingroad.gap.trips import Layout, Library, Trip, Whitened, settled
+from rollingroad.gap.trips import Layout, Lexicon, Trip, Whitened, settled
 
 Array = NDArray[np.float64]
 EARLY = 600.0
@@ -50,36 +50,36 @@ def signal(index: NDArray, value: Array, w: Whitened, layout: Layout) -> Array:
     return left
 
 
-def hypotheses(posterior: Posterior, library: Library, layout: Layout) -> list[tuple[float, str, NDArray, Array]]:
+def hypotheses(posterior: Posterior, lexicon: Lexicon, layout: Layout) -> list[tuple[float, str, NDArray, Array]]:
     """(probability, subsystem, columns, coefficients) of every hypothesis with a gap; pairs give one row per member."""
     rows = []
     for effect, (variant, fit) in posterior.fits.items():
-        rows.append((posterior.singles[effect], SUBSYSTEM[effect], library.index_of(variant), fit.value))
+        rows.append((posterior.singles[effect], SUBSYSTEM[effect], lexicon.index_of(variant), fit.value))
     for pair, (first, second, fit) in posterior.pair_fits.items():
         if posterior.pairs[pair] < 1e-3:
             continue
         at = 0
         for effect, variant in zip(pair, (first, second), strict=True):
-            index = library.index_of(variant)
+            index = lexicon.index_of(variant)
             rows.append((posterior.pairs[pair], SUBSYSTEM[effect], index, fit.value[at : at + len(index)]))
             at += len(index)
     if posterior.regressors is not None:
         found, fit = posterior.regressors
         for regressor, value in zip(found, fit.value, strict=True):
-            index = np.array([layout.effects + library.regressors.index(regressor)])
+            index = np.array([layout.effects + lexicon.regressors.index(regressor)])
             rows.append((posterior.outside, regressor.subsystem, index, np.array([value])))
     return rows
 
 
 def locate(
     trips: Sequence[Trip], whitened: Sequence[Whitened], layout: Layout, calibration: Calibration, posterior: Posterior,
-    library: Library, reduced: Reduced,
+    lexicon: Lexicon, reduced: Reduced,
 ) -> list[Place]:  # fmt: skip
     """Cells by share, largest first."""
     names = [regimes_of(t) for t in trips]
     energy: dict[tuple[str, str, str], float] = {}
     early: dict[tuple[str, str], list[float]] = {}
-    for probability, subsystem, index, value in hypotheses(posterior, library, layout):
+    for probability, subsystem, index, value in hypotheses(posterior, lexicon, layout):
         if probability < 1e-4:
             continue
         for trip, w, regimes in zip(trips, whitened, names, strict=True):

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from rollingroad.gap import evidence
 from rollingroad.gap.calibration import FREEDOM, Calibration, calibrate, doubted, log_evidence, reduce
-from rollingroad.gap.trips import Layout, Library, Trip, total_gram
+from rollingroad.gap.trips import Layout, Lexicon, Trip, total_gram
 
 LIKE_ANOTHER_CAR = frozenset({
     "rolling_resistance", "brake_drag", "accessory_load", "idle_fuel", "fuel_energy", "injector_fouling",
@@ -16,27 +16,27 @@ ALWAYS = 0.5
 """Prior deviations of such an effect that another car may have for ever."""
 
 
-def foreign_floor(library: Library) -> dict[str, float]:
+def foreign_floor(lexicon: Lexicon) -> dict[str, float]:
     """Floors of the effects that a foreign engine and gearbox look like for ever."""
     return {
         f"{v.effect}.{c.parameter.split('~')[0]}": ALWAYS * c.sd
-        for v in library.variants if v.effect in LIKE_ANOTHER_CAR for c in v.columns
+        for v in lexicon.variants if v.effect in LIKE_ANOTHER_CAR for c in v.columns
     }  # fmt: skip
 
 
 def without_reference(
-    trips: Sequence[Trip], layout: Layout, library: Library, hide: Sequence[str],
+    trips: Sequence[Trip], layout: Layout, lexicon: Lexicon, hide: Sequence[str],
     thresholds: evidence.Thresholds, coarse: bool,
 ) -> tuple[Calibration, list[str]]:  # fmt: skip
     """How far these trips' engine is from the simulator's own: the freedom of the correction under which trips and best
     cause together are likeliest. A foreign map is thereby never taken for an effect."""
     best: tuple[float, Calibration, float] | None = None
     for freedom in FREEDOM:
-        calibration = calibrate([], layout, library, coarse=coarse, freedom=freedom)
+        calibration = calibrate([], layout, lexicon, coarse=coarse, freedom=freedom)
         _, whitened = doubted(trips, layout, calibration, coarse=coarse)
         gram = total_gram(whitened)
         reduced = reduce(gram, layout, calibration)
-        h = evidence.hypotheses(reduced, library, layout, hide, thresholds, pairs=False)
+        h = evidence.hypotheses(reduced, lexicon, layout, hide, thresholds, pairs=False)
         gain = max([0.0, *h.singles.values()])
         likely = log_evidence(gram, layout, calibration) + gain
         if best is None or likely > best[0]:

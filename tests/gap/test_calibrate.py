@@ -13,11 +13,11 @@ from rollingroad.gap.evidence import Hypotheses, Thresholds
 from rollingroad.gap.fits import Fit
 from rollingroad.gap.floors import ODD, floors
 from rollingroad.gap.signature_form import Column, Variant
-from rollingroad.gap.trips import Layout, Library
+from rollingroad.gap.trips import Layout, Lexicon
 from vehicle_model.car.errors import BadInput
 
 VARIANT = Variant("mass", (Column("factor", "", 1.0, 2.0),), {}, lambda c: np.zeros((0, 1)))
-LIBRARY = Library((VARIANT,), ())
+LEXICON = Lexicon((VARIANT,), ())
 LAYOUT = Layout((), np.zeros(0), (), np.zeros(0), 1, 0)
 
 
@@ -25,7 +25,7 @@ def _case(x: float, deviation: float, kind: str = "gap_free") -> Case:
     a = deviation**-2.0
     parts = [] if kind == "gap_free" else [{"effect": "mass", "strength": 2.0}]
     key = {"kind": kind, "parts": parts, "hidden": False}
-    return Case(key, Reduced(np.array([[a]]), np.array([a * x])), LAYOUT, LIBRARY, ())
+    return Case(key, Reduced(np.array([[a]]), np.array([a * x])), LAYOUT, LEXICON, ())
 
 
 def test_a_floor_is_what_noise_does_not_explain() -> None:
@@ -33,9 +33,9 @@ def test_a_floor_is_what_noise_does_not_explain() -> None:
     their deviations alone, then there is none."""
     rng = np.random.default_rng(1)
     wide = [_case(float(rng.normal(0.0, np.hypot(0.3, 0.1))), 0.1) for _ in range(200)]
-    assert floors([(c.reduced, LIBRARY) for c in wide])["mass.factor"] == pytest.approx(0.3, rel=0.25)
+    assert floors([(c.reduced, LEXICON) for c in wide])["mass.factor"] == pytest.approx(0.3, rel=0.25)
     calm = [_case(float(rng.normal(0.0, 0.08)), 0.1) for _ in range(200)]
-    assert "mass.factor" not in floors([(c.reduced, LIBRARY) for c in calm])
+    assert "mass.factor" not in floors([(c.reduced, LEXICON) for c in calm])
 
 
 def test_one_error_is_not_the_floor_of_all_that_look_like_it() -> None:
@@ -46,13 +46,13 @@ def test_one_error_is_not_the_floor_of_all_that_look_like_it() -> None:
     alike = 0.95
     information = 100.0 * (alike * np.ones((10, 10)) + (1.0 - alike) * np.eye(10))
     names = [Variant(f"effect_{i}", VARIANT.columns, {}, VARIANT.make) for i in range(10)]
-    library = Library(tuple(names), ())
+    lexicon = Lexicon(tuple(names), ())
     root = np.linalg.cholesky(information)
 
-    def drawn(odd: bool) -> tuple[Reduced, Library]:
+    def drawn(odd: bool) -> tuple[Reduced, Lexicon]:
         wrong = np.zeros(10)
         wrong[3] = rng.normal(0.0, 3.0 if odd else 0.3)
-        return Reduced(information, information @ wrong + root @ rng.normal(size=10)), library
+        return Reduced(information, information @ wrong + root @ rng.normal(size=10)), lexicon
 
     for share in (0, 20):
         found = floors([drawn(bool(share) and i % share == 0) for i in range(200)])
@@ -65,12 +65,12 @@ def test_floors_are_where_the_trips_are_likeliest() -> None:
     law of the noise and the floors, vanish at the floors found."""
     rng = np.random.default_rng(3)
     information = np.array([[100.0, 30.0], [30.0, 25.0]])
-    library = Library(tuple(Variant(f"effect_{i}", VARIANT.columns, {}, VARIANT.make) for i in range(2)), ())
+    lexicon = Lexicon(tuple(Variant(f"effect_{i}", VARIANT.columns, {}, VARIANT.make) for i in range(2)), ())
     scores = [
         information @ rng.normal(0.0, (0.3, 0.5)) + np.linalg.cholesky(information) @ rng.normal(size=2)
         for _ in range(300)
     ]
-    found = floors([(Reduced(information, b), library) for b in scores])
+    found = floors([(Reduced(information, b), lexicon) for b in scores])
 
     def log(f0: float, f1: float) -> float:
         total = 0.0

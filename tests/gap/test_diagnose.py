@@ -132,7 +132,7 @@ def test_a_leading_cause_is_re_simulated_at_its_size(garage) -> None:
     logs = [decode(trip(seed, {"wind_n": 7.0}, {}), f"trip_{seed}") for seed in (21, 22)]
     found = weigh(car, logs, reference, None)
     variant, fit = found.posterior.fits["head_wind"]
-    place = found.library.place_of(variant)
+    place = found.lexicon.place_of(variant)
     correction = dict(zip(found.layout.calibration, found.calibration.mean, strict=True))
     for one in found.logs:
         context = context_of(one, car, vector_of(car), correction)
@@ -150,10 +150,10 @@ def test_a_re_simulation_that_fits_worse_is_not_taken(garage) -> None:
     found = weigh(car, logs, reference, None)
     variant, fitted = found.posterior.fits["head_wind"]
     astray = replace(variant, settings=lambda x: variant.settings(np.array([-x[1], x[0]])))
-    library = replace(found.library, variants=tuple(astray if v is variant else v for v in found.library.variants))
+    lexicon = replace(found.lexicon, variants=tuple(astray if v is variant else v for v in found.lexicon.variants))
     posterior = replace(found.posterior, singles={"head_wind": 1.0}, pairs={}, fits={"head_wind": (astray, fitted)})
     whitened = [whiten(one, found.layout, found.calibration.noise) for one in found.logs]
-    after, again = refit(found.logs, whitened, found.layout, found.calibration, library, posterior, car)
+    after, again = refit(found.logs, whitened, found.layout, found.calibration, lexicon, posterior, car)
     for old, new, w, v in zip(found.logs, after, whitened, again, strict=True):
         np.testing.assert_array_equal(new.effects, old.effects)
         np.testing.assert_allclose(v.gram, w.gram)

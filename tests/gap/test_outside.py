@@ -10,14 +10,14 @@ from rollingroad.gap.floors import floored
 from rollingroad.gap.generic import Regressor
 from rollingroad.gap.outside import correction, models, outside
 from rollingroad.gap.signature_form import Column, Variant
-from rollingroad.gap.trips import Layout, Library
+from rollingroad.gap.trips import Layout, Lexicon
 
 NAMED = 1
 
 
-def _library(sd: list[float], families: list[str] | None = None) -> Library:
+def _library(sd: list[float], families: list[str] | None = None) -> Lexicon:
     rows = zip(sd, families or [""] * len(sd), strict=True)
-    return Library((), tuple(Regressor(str(i), "", "W", s, "accessory", f) for i, (s, f) in enumerate(rows)))
+    return Lexicon((), tuple(Regressor(str(i), "", "W", s, "accessory", f) for i, (s, f) in enumerate(rows)))
 
 
 def _layout(generics: int) -> Layout:
@@ -116,9 +116,9 @@ def test_a_floor_makes_no_effect_something_else() -> None:
     x[:, 1] = 0.97 * x[:, 0] + np.sqrt(1.0 - 0.97**2) * x[:, 1]
     bare = _reduced(x, 20.0 * x[:, 1])
     name = Column("factor", "", 0.0, 20.0)
-    library = Library((Variant("drag", (name,), {}, lambda c: x[:, :1]),), _library([20.0]).regressors)
-    r = floored(bare, library, {"drag.factor": 5.0})
-    _, log = outside(r, library, _layout(1), [(np.array([0]), 0.75)], bare)
-    _, taken = outside(r, library, _layout(1), [(np.array([0]), 0.75)], r)
+    lexicon = Lexicon((Variant("drag", (name,), {}, lambda c: x[:, :1]),), _library([20.0]).regressors)
+    r = floored(bare, lexicon, {"drag.factor": 5.0})
+    _, log = outside(r, lexicon, _layout(1), [(np.array([0]), 0.75)], bare)
+    _, taken = outside(r, lexicon, _layout(1), [(np.array([0]), 0.75)], r)
     assert cosine(r, np.array([0]), np.array([1])) < 0.75 < cosine(bare, np.array([0]), np.array([1]))
     assert log < taken

@@ -27,7 +27,7 @@ from rollingroad.gap.challenge.score import opened_key
 from rollingroad.gap.evidence import Hypotheses, Posterior, Thresholds, hypotheses, weighed
 from rollingroad.gap.floors import floors
 from rollingroad.gap.thresholds import load
-from rollingroad.gap.trips import Layout, Library
+from rollingroad.gap.trips import Layout, Lexicon
 from vehicle_model.car.files import read_car
 
 WEIGHTS: Mapping[str, float] = {"gap_free": 0.45, "known": 0.35, "hidden": 0.15, "pair": 0.05}
@@ -45,7 +45,7 @@ class Case:
     key: dict[str, Any]
     reduced: Reduced
     layout: Layout
-    library: Library
+    lexicon: Lexicon
     hide: tuple[str, ...]
 
     @property
@@ -68,7 +68,7 @@ def read_cases(folders: Sequence[Path]) -> list[Case]:
         for key in opened_key(folder):
             place = folder / key["case"]
             reduced, layout, hide = read_evidence(place)
-            cases.append(Case(key, reduced, layout, Library.of(read_car(place / "car.xml")), hide))
+            cases.append(Case(key, reduced, layout, Lexicon.of(read_car(place / "car.xml")), hide))
     return cases
 
 
@@ -100,9 +100,9 @@ def log_score(cases: Sequence[tuple[Case, Hypotheses]], t: Thresholds) -> float:
 def calibrate(folders: Sequence[Path], start: Thresholds | None = None) -> dict[str, Any]:
     """Return the content of `thresholds.json`, chosen on the sets in `folders` from `start` (the shipped ones)."""
     cases = [case for case in read_cases(folders) if case.kind is not None]
-    calm = [(case.reduced, case.library) for case in cases if case.kind == "gap_free"]
+    calm = [(case.reduced, case.lexicon) for case in cases if case.kind == "gap_free"]
     first = replace(start or load(), floor=floors(calm))
-    ready = [(case, hypotheses(case.reduced, case.library, case.layout, case.hide, first)) for case in cases]
+    ready = [(case, hypotheses(case.reduced, case.lexicon, case.layout, case.hide, first)) for case in cases]
 
     def at(x: Any) -> Thresholds:
         return replace(first, **dict(zip(FREE, np.exp(x).tolist(), strict=True)))
